@@ -60,6 +60,9 @@ wp.config.cpu_compiler_flags = (
 # Relative rounding of what the kernels compute; the host computes in float64.
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 
+# Of 256 threads: twice as many as the processors of an H100 hold at once.
+_MOST_BLOCKS = 2112
+
 
 def constant_table(values: NDArray[np.float64]) -> Any:
     """Return a Warp function of an index that gives the flat table's value there.
@@ -186,11 +189,16 @@ class Device:
         wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name)
 
     def record(
-        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], threads: int = 256
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], threads: int = 0
     ) -> Any:
-        """Return a launch over a shape that can be made again and again at little cost."""
-        at = self.name
-        return wp.launch(kernel, shape, inputs, device=at, record_cmd=True, block_dim=threads)
+        """Return a launch over a shape that can be made again and again at little cost.
+
+        With ``threads`` a block of so many has an environment. Otherwise threads take one place
+        after the other: of many environments often few are wanted, and blocks that find nothing to
+        do would take most of the time.
+        """
+        blocks = {"block_dim": threads} if threads else {"max_blocks": _MOST_BLOCKS}
+        return wp.launch(kernel, shape, inputs, device=self.name, record_cmd=True, **blocks)
 
 
 def filled(structure: Any, **members: Any) -> Any:

@@ -54,7 +54,7 @@ def main() -> None:
         state, after = after, state
         if state.body_qd.numpy()[2, 2] < -SLIP_M_S and closing < 0.0:
             break
-    grip_n = sensor.contact.wrench[:, 2]
+    grip_n = sensor.contact.wrench.numpy()[:, 2]
     print(f"slips at {squeeze_m * 1e3:.2f} mm with a grip of {grip_n[0]:.2f} and {grip_n[1]:.2f} N")
     print(f"Coulomb: {MASS_KG * 9.81 / (2.0 * FRICTION):.2f} N on each side")
 

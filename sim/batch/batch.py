@@ -14,20 +14,19 @@ from typing import Any
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sim.batch import frame_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
 from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
 from sim.contact.contact_kernels import TouchedSurface
-from sim.contact.indenter_distance import poses_at
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
 from sim.material.elasticity import GelArrays
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.scene.material import Material
+from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
@@ -43,7 +42,6 @@ _REMEMBERED = 8
 # from it, of a rounded body without friction and of any other, for which the way matters; and the
 # residual with which the steps before the last may end.
 _STEP_SHARES, _ARM_SHARE, _INTERMEDIATE = (0.2, 0.1), 0.75, 1e-2
-_LIFTS = 40
 # Of an edge of the mesh: radius that a sharp edge is given.
 _RIM_SHARE = 0.1
 
@@ -182,6 +180,7 @@ class Batch:
         )
         self.inverse.serve(self.descents)
         self.descents.set(
+            status=Status.DONE,
             floor=floor_n,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,
@@ -198,8 +197,10 @@ class Batch:
         self.areas_m2 = np.zeros(len(model.nodes))
         np.add.at(self.areas_m2, model.faces, np.einsum("fq,qk->fk", model.surface.areas, hats))
         self.positions, self.poses = self.descents.positions, self.descents.poses
-        self._at = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.count, 1))
-        self._lifted, self._pushed = np.zeros((2, self.count), dtype=np.bool_)
+        self._rest = device.array(model.nodes, wp.vec3d)
+        self._chosen = device.zeros(self.count, wp.int32)
+        put = [self._rest, self._chosen, True, self.poses, self.descents.state, self._history]
+        self._put_back = device.record(kernels.put_back, nodes, [*put, self.positions])
         self._frames: dict[int, Frames] = {}
         self._spreads = self._spreading()
         self.reset()
@@ -207,7 +208,7 @@ class Batch:
     @property
     def tips_m(self) -> FloatArray:
         """Positions of the tips [m], in the frame of the poses, shape [environment_count, 3]."""
-        return self._at[:, :3] - [0.0, 0.0, self._standoff_m]
+        return on_host(self._history.tips)[:, 0] - [0.0, 0.0, self._standoff_m]
 
     def tractions(self) -> tuple[Any, Any]:
         """Compute ``pressure`` and ``shear`` on the gel now, and return them.
@@ -221,14 +222,14 @@ class Batch:
             each.launch()
         return self.pressure, self.shear
 
-    def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
-        """Return environments to the untouched gel, with their indenters a metre above it."""
-        chosen = np.ones(self.count, np.bool_) if mask is None else np.asarray(mask, np.bool_)
-        self._lifted[chosen] = False
-        tips = on_host(self.poses.tips).copy()
-        tips[chosen] = [0.0, 0.0, 1.0]
-        self.poses.tips.assign(tips)
-        self._put_back(self._device.array(chosen, wp.int32), self.poses)
+    def reset(self, mask: Any = None) -> None:
+        """Return environments to the untouched gel, with their indenters a metre above it.
+
+        Args:
+            mask: Which, shape [environment_count], or a Warp array of int32; None is all.
+        """
+        self._chosen.assign(self._flags(mask))
+        self._put_back.launch()
 
     def step(
         self,
@@ -280,60 +281,58 @@ class Batch:
                 f"of shape {goals.shape}",
                 remedy=f"give finite loads [N], shape {goals.shape[:2]}",
             )
-        taking = np.ones(self.count, np.bool_) if active is None else np.asarray(active, np.bool_)
-        if (taking & ~self._lifted).any():
-            self._lower_anew(goals[0], taking & ~self._lifted)
-        self.descents.set(pushed=0)
-        if loads is None:
-            _there, frames = self._go(goals, taking, None)
-        else:
-            there, _frames = self._go(goals[:1], taking & ~self._pushed, None)
-            self.descents.set(pushed=1)
-            taking = taking & (there | self._pushed)
-            _there, frames = self._go(goals, taking, loads)
-        self._pushed[taking] = loads is not None
-        return self._forces(frames.found)
+        going = self._flags(active)
+        if loads is not None:  # who was not pushed before goes to the first frame's height
+            pushed = self.descents.get("pushed").copy()
+            first = self._go(goals[:1], going * (1 - pushed), None)
+            going *= np.maximum(on_host(first.motions.frame), pushed)
+        return self._forces(self._go(goals, going, loads).found)
 
-    def _go(
-        self, goals: FloatArray, going: NDArray[np.bool_], loads_n: FloatArray | None
-    ) -> tuple[NDArray[np.bool_], Frames]:
-        """Go along goals, pushed by loads where they are given, and return who arrived."""
+    def settle(self, poses: Any, active: Any) -> Any:
+        """Do what ``step`` does with arrays on the device, and leave there what is found.
+
+        Args:
+            poses: As ``step`` takes them, but Warp transformd, shape [environment_count].
+            active: 1 for who takes part, Warp int32, shape [environment_count].
+
+        Returns:
+            ``frame_kernels.Found`` of one frame, which the next call overwrites.
+        """
+        return self._go(poses.reshape((1, self.count)), active, None).found
+
+    def _go(self, goals: Any, going: Any, loads_n: FloatArray | None) -> Frames:
+        """Go along goals, pushed by loads where they are given."""
         frame_count = len(goals)
         if frame_count not in self._frames:
+            options, enough = self.options, self.options.residual_relative
             self._frames[frame_count] = Frames(
                 self.descents,
                 self._history,
+                self._rest,
                 frame_count,
+                longest_m=self._step_m,
+                arm_m=_ARM_SHARE * self.model.height_m,
                 bias=self._bias,
                 floor_n=self._floor_n,
-                accepts_residual=self.options.accepts_residual,
+                enough=(enough, max(enough, _INTERMEDIATE)),
+                halvings_max=options.halvings_max,
+                accepts_residual=options.accepts_residual,
             )
         frames = self._frames[frame_count]
-        enough = self.options.residual_relative
-        quaternions, there = frames.go(
-            self._at,
-            goals,
-            going,
-            parts=self._parts(goals, pushed=loads_n is not None),
-            loads_n=loads_n,
-            enough=(enough, max(enough, _INTERMEDIATE)),
-            halvings_max=self.options.halvings_max,
-        )
-        self._at[going, :3] = on_host(self._history.tips)[going, 0]
-        self._at[going, 3:] = quaternions[going]
-        return there, frames
+        frames.motions.goals.assign(goals)
+        frames.motions.pushed.fill_(int(loads_n is not None))
+        if loads_n is not None:
+            frames.motions.loads.assign(loads_n)
+        self._history.moves.assign(going)
+        frames.go()
+        return frames
 
-    def _parts(self, goals: FloatArray, *, pushed: bool) -> NDArray[np.int32]:
-        """Return in how many parts each frame is gone, shape [frame_count, count]."""
-        starts = np.concatenate([self._at[None], goals[:-1]])
-        travels = goals[..., :3] - starts[..., :3]
-        if pushed:  # its height is found
-            travels[..., 2] = 0.0
-        along = np.abs((goals[..., 3:] * starts[..., 3:]).sum(axis=-1))
-        travel = np.linalg.norm(travels, axis=-1)
-        travel += _ARM_SHARE * self.model.height_m * 2.0 * np.arccos(np.minimum(along, 1.0))
-        parts = np.ceil(travel / self._step_m - 1e-9)
-        return np.asarray(np.maximum(parts, 1.0), dtype=np.int32)
+    def _flags(self, mask: Any) -> Any:
+        """Return 1 where a mask is true, on the host unless it is on the device; None is all."""
+        if isinstance(mask, wp.array):
+            return mask
+        flags = np.ones(self.count, np.bool_) if mask is None else np.asarray(mask, np.bool_)
+        return flags.astype(np.int32)
 
     def _spreading(self) -> tuple[Any, Any]:
         """Record what sets pressure and shear."""
@@ -353,50 +352,18 @@ class Batch:
 
     def _forces(self, found: Any) -> BatchForces:
         residual, touched = on_host(found.residual).copy(), on_host(found.touched).copy()
-        bias, left = self._bias.of(touched[..., 6])
-        raw, valid = touched[..., :6], np.isfinite(residual)
-        tips = on_host(found.tips) - [0.0, 0.0, self._standoff_m]
+        valid = np.isfinite(residual)
         return BatchForces(
-            wrench=raw / (1.0 + bias)[..., None],
-            raw_wrench=raw,
-            force_error=np.where(valid, left, np.nan),
+            wrench=on_host(found.wrench).copy(),
+            raw_wrench=touched[..., :6],
+            force_error=on_host(found.error).copy(),
             contact_area_m2=touched[..., 6],
-            tips_m=np.where(valid[..., None], tips, np.nan),
+            tips_m=np.where(valid[..., None], on_host(found.tips), np.nan),
             residual=residual,
             imbalance=on_host(found.imbalance).copy(),
             valid=valid,
             evaluations=on_host(found.evaluations).copy(),
         )
-
-    def _lower_anew(self, goals: FloatArray, new: NDArray[np.bool_]) -> None:
-        """Put indenters over their goals, about to touch the resting gel, which has forgotten."""
-        descents, device, surface = self.descents, self._device, self.model.surface
-        wanted = device.array(new, wp.int32)
-        turns = Rotation.from_quat(goals[:, 3:]).as_matrix()
-        poses = poses_at(goals[:, :3], turns, device)
-        self._put_back(wanted, poses)
-        made, buffers = surface.kernels(descents.indenter), surface.buffers(self.count)
-        points, gaps = buffers[2].shape, buffers[2].reshape((self.count, -1))
-        free = surface.grip_arrays(None, self.count)
-        at = [descents.surface, descents.body, wanted, poses]
-        least, threads = self.model.contact_options.distance_m, 256 if device.is_gpu else 1
-        lift = device.record(kernels.lift, (self.count, threads), [gaps, least, poses], threads)
-        for _ in range(_LIFTS):
-            device.launch(made.touch, points, [*at, free, descents.positions], list(buffers))
-            lift.launch()
-        self._put_back(wanted, poses)
-        if self.model.contact_options.is_tangential:
-            for grip in (descents.grip, descents.grip_start):
-                device.launch(kernels.let_go, points, [wanted, grip], [])
-                device.launch(made.drag, points, [*at, descents.positions, grip], [])
-        tips, self._pushed[new] = on_host(poses.tips), False
-        self._at[new] = np.column_stack([tips, goals[:, 3:]])[new]
-        self._lifted |= new
-
-    def _put_back(self, wanted: Any, poses: Any) -> None:
-        nodes, positions = self._device.array(self.model.nodes, wp.vec3d), self.descents.positions
-        put = [nodes, wanted, poses, self._history, positions]
-        self._device.launch(kernels.put_back, tuple(positions.shape), put, [])
 
     def _checked(self, poses: FloatArray) -> FloatArray:
         goals = np.array(poses, dtype=np.float64)
@@ -413,7 +380,6 @@ class Batch:
                 remedy="give (0, 0, 0, 1) for an indenter that is not turned",
             )
         goals[..., 3:] /= sizes
-        goals[..., 2] += self._standoff_m
         return goals
 
 

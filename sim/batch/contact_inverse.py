@@ -118,7 +118,7 @@ class ContactInverse:
             counts, listed = self._correction.counts.numpy(), self._correction.listed.numpy()
             self._rest.need(np.concatenate([listed[b, : counts[b]] for b in asked]))
         factored.launch()
-        self._rest.apply(asked, sources, found)
+        self._rest.apply(asked, sources, found, at_surface=True)
         correct.launch()
         self._rest.apply(asked, self._corrected, found)
         set_tip.launch()

@@ -63,7 +63,8 @@ _PRODUCT = """
                 }
     }
     __shared__ float total[SHARED];
-    float* out_at = out.data + (size_t)first_column * rows + first_row;
+    float* out_at = out.data + (size_t)first_column * rows;
+    const int* to = order.data + first_row;
     for (int round = 0; round < DEPTH_WARPS; ++round) {
         if (part == round) {
             #pragma unroll
@@ -75,7 +76,7 @@ _PRODUCT = """
                         const int row = rows_before + 16 * i + group + 8 * (k / 2);
                         const int column = columns_before + 8 * j + 2 * member + k % 2;
                         if (DEPTH_WARPS == 1)
-                            out_at[(size_t)column * rows + row] = sum[i][j][k];
+                            out_at[(size_t)column * rows + to[row]] = sum[i][j][k];
                         else if (round == 0)
                             total[column * (TILE_ROWS + 4) + row] = sum[i][j][k];
                         else
@@ -87,7 +88,7 @@ _PRODUCT = """
     if (DEPTH_WARPS > 1)
         for (int k = threadIdx.x; k < TILE_ROWS * TILE_COLUMNS; k += blockDim.x) {
             const int row = k % TILE_ROWS, column = k / TILE_ROWS;
-            out_at[(size_t)column * rows + row] = total[column * (TILE_ROWS + 4) + row];
+            out_at[(size_t)column * rows + to[row]] = total[column * (TILE_ROWS + 4) + row];
         }
 """
 
@@ -142,6 +143,7 @@ def product_kernel(chosen: Tiling) -> Any:
         matrices: wp.array2d(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
+        order: wp.array(dtype=wp.int32),
         row_blocks: wp.int32,
         block: wp.int32,
         out: wp.array2d(dtype=wp.float32),
@@ -152,10 +154,11 @@ def product_kernel(chosen: Tiling) -> Any:
         matrices: wp.array2d(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
+        order: wp.array(dtype=wp.int32),
         row_blocks: wp.int32,
         product_out: wp.array2d(dtype=wp.float32),
     ):
         block = wp.tid() // wp.static(threads)
-        block_product(matrices, which, right, row_blocks, block, product_out)
+        block_product(matrices, which, right, order, row_blocks, block, product_out)
 
     return product

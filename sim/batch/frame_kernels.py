@@ -24,16 +24,19 @@ _WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
 
 @wp.struct
 class Motions:
-    """Where the environments go, shape [frame_count, environment_count] where nothing is said."""
+    """Where the environments go, shape [environment_count] where nothing is said."""
 
-    tips: wp.array2d(dtype=wp.vec3d)  # where a frame begins [m]
-    travels: wp.array2d(dtype=wp.vec3d)  # from there to its end [m]
-    rotations: wp.array2d(dtype=wp.mat33d)  # where it begins, indenter frame to pad frame
-    turns: wp.array2d(dtype=wp.vec3d)  # rotation vector from there to its end [rad]
-    parts: wp.array2d(dtype=wp.int32)  # in how many parts it is gone
-    loads: wp.array2d(dtype=wp.float64)  # that push the indenter [N]
-    frame: wp.array(dtype=wp.int32)  # frames that are behind, shape [environment_count]
-    done: wp.array(dtype=wp.int32)  # parts of the next one that are, likewise
+    # at the ends of frames: tip [m] and turn, shape [frame_count, environment_count]
+    goals: wp.array2d(dtype=wp.transformd)
+    loads: wp.array2d(dtype=wp.float64)  # that push the indenter [N], likewise
+    pushed: wp.array(dtype=wp.int32)  # 1 where loads push it
+    longest: wp.array(dtype=wp.float64)  # way of a part at most [m]
+    standoff: wp.float64  # how much higher tips are held than ``goals`` say [m]
+    starts: wp.array(dtype=wp.transformd)  # where the way to the next goal begins
+    frame: wp.array(dtype=wp.int32)  # frames that are behind
+    parts: wp.array(dtype=wp.int32)  # in how many parts the next one is gone; 0: not known yet
+    done: wp.array(dtype=wp.int32)  # parts of it that are
+    halved: wp.array(dtype=wp.int32)  # how often its parts were
     # residual over the contact force that is enough at a frame's end, and before, shape [2]
     enough: wp.array(dtype=wp.float64)
 
@@ -43,6 +46,8 @@ class History:
     """Where the environments were, shape [environment_count, ...] each."""
 
     moves: wp.array(dtype=wp.int32)  # 1 where an environment has frames to go to
+    lowered: wp.array(dtype=wp.int32)  # 1 where its indenter has come down to the gel
+    comes: wp.array(dtype=wp.int32)  # 1 where it comes down now
     stage: wp.array(dtype=wp.int32)  # it waits for its next part, or is under way
     arrives: wp.array(dtype=wp.int32)  # 1 where it has just arrived
     starts: wp.array(dtype=wp.int32)  # 1 where it has just begun a part
@@ -52,6 +57,7 @@ class History:
     bias: wp.array(dtype=wp.float64)  # of the last force, over it
     touched: wp.array2d(dtype=wp.float64)  # wrench, and area in contact, shape [..., 7]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
+    turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
     older: wp.array2d(dtype=wp.vec3d)  # of the one before
     share: wp.array(dtype=wp.float64)  # of the last step that the next one's start goes on by
@@ -62,6 +68,8 @@ class Found:
     """What frames gave, shape [frame_count, environment_count, ...] each."""
 
     touched: wp.array3d(dtype=wp.float64)  # raw wrench [N, N m], and area [m^2], shape [..., 7]
+    wrench: wp.array3d(dtype=wp.float64)  # without the mesh's bias, shape [..., 6]
+    error: wp.array2d(dtype=wp.float64)  # what may remain of it, over the force
     tips: wp.array2d(dtype=wp.vec3d)  # [m]
     residual: wp.array2d(dtype=wp.float64)  # norm of the unbalanced force over the contact force
     # base reaction against the indenter's force, over the latter
@@ -88,22 +96,79 @@ def start_descent(d: Descent, memory: Memory, b: wp.int32, lags: wp.bool):
 
 
 @wp.func
-def turn_by(v: wp.vec3d) -> wp.mat33d:
-    """Return the rotation by a rotation vector [rad] (Rodrigues)."""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    angle = wp.length(v)
-    n = v / wp.max(angle, _NOTHING)
-    K = wp.mat33d(zero, -n[2], n[1], n[2], zero, -n[0], -n[1], n[0], zero)
-    return wp.identity(n=3, dtype=wp.float64) + K * wp.sin(angle) + K * K * (one - wp.cos(angle))
+def here(history: History, b: wp.int32) -> wp.transformd:
+    """Return the pose of an environment's last state."""
+    return wp.transformd(history.tips[b, 0], history.turns[b])
+
+
+@wp.func
+def goal_of(motions: Motions, b: wp.int32) -> wp.transformd:
+    """Return the pose at the end of the next frame, as it is held."""
+    goal = motions.goals[motions.frame[b], b]
+    up = wp.vec3d(wp.float64(0.0), wp.float64(0.0), motions.standoff)
+    return wp.transformd(wp.transform_get_translation(goal) + up, wp.transform_get_rotation(goal))
+
+
+@wp.func
+def part_end(motions: Motions, b: wp.int32) -> wp.transformd:
+    """Return the pose at the end of the part that is next or under way."""
+    start, goal = motions.starts[b], goal_of(motions, b)
+    gone = wp.float64(motions.done[b] + 1) / wp.float64(motions.parts[b])
+    turn = wp.transform_get_rotation(goal)
+    if gone < wp.float64(1.0):
+        turn = wp.quat_slerp(wp.transform_get_rotation(start), turn, gone)
+    tip = wp.transform_get_translation(start)
+    return wp.transformd(tip + (wp.transform_get_translation(goal) - tip) * gone, turn)
+
+
+@wp.func
+def parts_of(
+    start: wp.transformd, goal: wp.transformd, pushed: bool, longest: wp.float64, arm: wp.float64
+) -> wp.int32:
+    """Return in how many parts to go, each at most so long for the tip and for an arm [m]."""
+    travel = wp.transform_get_translation(goal) - wp.transform_get_translation(start)
+    if pushed:  # its height is found
+        travel[2] = wp.float64(0.0)
+    one, turned = wp.float64(1.0), wp.transform_get_rotation(goal)
+    along = wp.float64(wp.abs(wp.dot(turned, wp.transform_get_rotation(start))))
+    swept = arm * wp.float64(2.0) * wp.acos(wp.min(along, one))
+    parts = wp.float64(wp.ceil((wp.length(travel) + swept) / longest - wp.float64(1e-9)))
+    return wp.int32(wp.max(parts, one))
+
+
+@wp.kernel(enable_backward=False)
+def set_out(
+    # Data in:
+    motions: Motions,
+    # Data in and out:
+    history: History,
+    poses: Poses,
+    d: Descent,
+    # Data out:
+    new_out: wp.array(dtype=wp.int32),
+):
+    """Put indenters that come down anew to their first goals; over [environment_count]."""
+    b = wp.tid()
+    history.comes[b] = 0
+    if history.moves[b] == 1:
+        d.pushed[b] = motions.pushed[b]
+        if history.lowered[b] == 0:
+            new_out[0] = 1
+            history.comes[b] = 1
+            history.lowered[b] = 1
+            goal = goal_of(motions, b)
+            history.turns[b] = wp.transform_get_rotation(goal)
+            poses.tips[b] = wp.transform_get_translation(goal)
+            poses.rotations[b] = wp.quat_to_matrix(history.turns[b])
 
 
 @wp.kernel(enable_backward=False)
 def begin(
     # Model:
     lags: wp.bool,
-    # Data in:
-    motions: Motions,
+    arm: wp.float64,
     # Data in and out:
+    motions: Motions,
     history: History,
     poses: Poses,
     d: Descent,
@@ -119,9 +184,14 @@ def begin(
         history.starts[b] = 1
         history.stage[b] = _UNDER_WAY
         f = motions.frame[b]
-        part, parts = motions.done[b] + 1, motions.parts[f, b]
-        gone = wp.float64(part) / wp.float64(parts)
-        goal = motions.tips[f, b] + motions.travels[f, b] * gone
+        if motions.parts[b] == 0:
+            motions.starts[b] = here(history, b)
+            longest, pushed = motions.longest[b], d.pushed[b] == 1
+            motions.parts[b] = parts_of(
+                motions.starts[b], goal_of(motions, b), pushed, longest, arm
+            )
+        end = part_end(motions, b)
+        goal = wp.transform_get_translation(end)
         ahead = goal - history.tips[b, 0]
         behind = history.tips[b, 0] - history.tips[b, 1]
         if d.pushed[b] == 1:
@@ -136,9 +206,9 @@ def begin(
         if d.pushed[b] == 1:
             goal[2] += share * behind[2]
         poses.tips[b] = goal
-        poses.rotations[b] = turn_by(motions.turns[f, b] * gone) * motions.rotations[f, b]
+        poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
         d.load[b] = motions.loads[f, b] * (wp.float64(1.0) + history.bias[b])
-        d.relative[b] = motions.enough[wp.where(part == parts, 0, 1)]
+        d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
         start_descent(d, memory, b, lags)
 
 
@@ -159,8 +229,18 @@ def predict(
 
 
 @wp.kernel(enable_backward=False)
-def arrive(accepts_residual: wp.bool, d: Descent, poses: Poses, history: History):
-    """Note who has arrived, and who will not; launches over [environment_count]."""
+def arrive(
+    accepts_residual: wp.bool,
+    halvings_max: wp.int32,
+    d: Descent,
+    poses: Poses,
+    motions: Motions,
+    history: History,
+):
+    """Note who has arrived; others go on from where they are in twice as many parts, or stay there.
+
+    Launches over [environment_count].
+    """
     b = wp.tid()
     history.arrives[b] = 0
     if history.stage[b] == _UNDER_WAY and d.status[b] != Status.RUNNING:
@@ -171,8 +251,14 @@ def arrive(accepts_residual: wp.bool, d: Descent, poses: Poses, history: History
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
+            history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
             for k in range(7):
                 history.touched[b, k] = wp.float64(0.0)
+        elif motions.halved[b] < halvings_max:
+            motions.halved[b] = motions.halved[b] + 1
+            motions.starts[b] = here(history, b)
+            motions.parts[b] = 2 * wp.max(motions.parts[b] - motions.done[b], 1)
+            motions.done[b] = 0
         else:
             history.moves[b] = 0
 
@@ -183,6 +269,8 @@ def note(
     floor: wp.float64,
     bias: wp.array(dtype=wp.float64),
     slope: wp.float64,
+    bias_left: wp.array(dtype=wp.float64),
+    slope_left: wp.float64,
     # Data in:
     d: Descent,
     poses: Poses,
@@ -200,10 +288,11 @@ def note(
     b = wp.tid()
     if history.arrives[b] == 1:
         f = motions.frame[b]
-        ends = motions.done[b] + 1 == motions.parts[f, b]
-        own = bias[b]
+        ends = motions.done[b] + 1 == motions.parts[b]
+        narrow = wp.float64(0.0)
         if history.touched[b, 6] > wp.float64(0.0):
-            own += slope * wp.pow(history.touched[b, 6], wp.float64(-0.75))
+            narrow = wp.pow(history.touched[b, 6], wp.float64(-0.75))
+        own = bias[b] + slope * narrow
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
         history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
@@ -217,14 +306,20 @@ def note(
                 load = wp.max(d.scale[b], floor)
                 for k in range(7):
                     found.touched[f, b, k] = history.touched[b, k]
-                found.tips[f, b] = poses.tips[b]
+                for k in range(6):
+                    found.wrench[f, b, k] = history.touched[b, k] / (wp.float64(1.0) + own)
+                found.error[f, b] = bias_left[b] + slope_left * narrow
+                tip = poses.tips[b]
+                found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load
                 found.imbalance[f, b] = d.vertical[b] / load
                 found.evaluations[f, b] = d.evaluations[b] - history.evaluated[b]
                 history.evaluated[b] = d.evaluations[b]
                 motions.done[b] = 0
+                motions.parts[b] = 0
+                motions.halved[b] = 0
                 motions.frame[b] = f + 1
-                if f + 1 == motions.parts.shape[0]:
+                if f + 1 == motions.goals.shape[0]:
                     history.moves[b] = 0
 
 
@@ -253,18 +348,27 @@ def put_back(
     nodes: wp.array(dtype=wp.vec3d),
     # Data in:
     wanted: wp.array(dtype=wp.int32),
-    poses: Poses,
+    away: wp.bool,
     # Data out:
+    poses: Poses,
+    d: Descent,
     history: History,
     positions_out: wp.array2d(dtype=wp.vec3d),
 ):
-    """Put environments back to the untouched gel; launches over [environment_count, node_count]."""
+    """Put environments back to the untouched gel, their indenters where they are or 1 m above it.
+
+    Launches over [environment_count, node_count].
+    """
     b, n = wp.tid()
     if wanted[b] == 1:
         history.last[b, n] = nodes[n]
         history.older[b, n] = nodes[n]
         positions_out[b, n] = nodes[n]
         if n == 0:
+            if away:
+                poses.tips[b] = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+                history.lowered[b] = 0
+                d.pushed[b] = 0
             history.tips[b, 0] = poses.tips[b]
             history.tips[b, 1] = poses.tips[b]
             history.settled[b] = 0
@@ -280,8 +384,13 @@ def let_go(wanted: wp.array(dtype=wp.int32), grip: GripArrays):
 
 
 @wp.kernel(enable_backward=False)
-def lift(gaps: wp.array2d(dtype=wp.float64), least: wp.float64, poses: Poses):
-    """Raise indenters that are nearer to the gel than ``least`` [m].
+def lift(
+    wanted: wp.array(dtype=wp.int32),
+    gaps: wp.array2d(dtype=wp.float64),
+    least: wp.float64,
+    poses: Poses,
+):
+    """Raise indenters, where wanted, that are nearer to the gel than ``least`` [m].
 
     Launches over [environment_count, threads of a block].
     """
@@ -290,7 +399,7 @@ def lift(gaps: wp.array2d(dtype=wp.float64), least: wp.float64, poses: Poses):
     for p in range(thread, gaps.shape[1], wp.block_dim()):
         gap = wp.min(gap, gaps[b, p])
     nearest = wp.tile_reduce(wp.min, wp.tile(gap))
-    if thread == 0:
+    if thread == 0 and wanted[b] == 1:
         tip = poses.tips[b]
         tip[2] = tip[2] + wp.max(least - nearest[0], wp.float64(0.0))
         poses.tips[b] = tip

@@ -31,17 +31,9 @@ _ROW_PADDING = 288
 # Warp counts the entries of an array by 31 bits.
 _MOST_ROWS = 46_340
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
-_TILINGS = {
-    8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
-    256: Tiling(row_tiles=6, column_tiles=4, depth_warps=4),
-}
-_LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
-
-
-def tiling(columns: int) -> Tiling:
-    """Return how a product with so many columns is done."""
-    fitting = [limit for limit in _TILINGS if columns <= limit]
-    return _TILINGS[fitting[0]] if fitting else _LARGEST
+_FEW = Tiling(row_tiles=1, column_tiles=1, depth_warps=8)
+_SOME, _SOME_COLUMNS = Tiling(row_tiles=6, column_tiles=4, depth_warps=4), 256
+_MANY = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
 
 
 def padded_rows(row_count: int) -> int:
@@ -88,8 +80,14 @@ class FactoredRest:
     def places(self, state: Any) -> None:
         """Return nothing: every environment keeps its column."""
 
-    def apply(self, asked: NDArray[np.int32], sources: Any, found: Any) -> None:
-        """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count]."""
+    def apply(
+        self, asked: NDArray[np.int32], sources: Any, found: Any, *, at_surface: bool = False
+    ) -> None:
+        """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count].
+
+        With ``at_surface`` only its rows at the surface are needed.
+        """
+        del at_surface  # a factor gives all rows
         given, out = sources.numpy(), found.numpy()
         for b in asked:
             out[b, : self.row_count - 1] = self._solver.solve(given[b, : self.row_count - 1])
@@ -102,6 +100,7 @@ class DenseRest:
         kind: Warp type of the vectors that it takes.
         scaled: It takes them in units of their own size.
         blocks: 0 for a block of columns that is multiplied, -1 for another, shape [block_count].
+        few: Likewise of the first 8 columns, where no more are asked for, shape [1].
         unit: What the product must be multiplied with; float16 holds nothing above 65,504.
         weights: What is multiplied, and the product, must be multiplied with these, shape
             [row_count]: each entry is then as exact as its own diagonal ones, of stiff layers too.
@@ -132,11 +131,11 @@ class DenseRest:
         flat = device.array(rows.reshape(-1), wp.int32)
         self.compliance = device.zeros((rows.size, rows.size), wp.float32)
         device.launch(kernels.block_at, self.compliance.shape, [inverse, flat], [self.compliance])
-        self._tiling = tiling(count)
+        self._tiling = _SOME if count <= _SOME_COLUMNS else _MANY
         # At least a row more than there are: what is fixed reads it.
         self.row_count = padded_rows(size + 1)
         block_count = -(-count // self._tiling.columns)
-        self.blocks = device.zeros(block_count, wp.int32)
+        self.blocks, self.few = device.zeros(block_count, wp.int32), device.zeros(1, wp.int32)
         self.column_count = block_count * self._tiling.columns
         # The largest entry of a positive definite matrix is on its diagonal.
         diagonal = device.zeros(size, wp.float32)
@@ -145,9 +144,14 @@ class DenseRest:
         weights = np.ones(self.row_count)
         weights[:size] = np.sqrt(diagonal.numpy() / self.unit)
         self.weights = device.array(weights, wp.float32)
+        # Rows at the surface come first: a product may end with them.
+        at_surface = np.unique(rows[rows >= 0])
+        others = np.setdiff1d(np.arange(self.row_count), at_surface)
+        self._order = device.array(np.concatenate([at_surface, others]), wp.int32)
+        self._surface_count = len(at_surface)
         self._matrix = device.zeros((1, self.row_count**2), wp.float16)
         shape = (self.row_count // 16, self.row_count // 32, 512)
-        packed = [inverse, size, shape[1], 1.0 / self.unit, self.weights]
+        packed = [inverse, size, shape[1], 1.0 / self.unit, self.weights, self._order]
         device.launch(kernels.pack, shape, packed, [self._matrix])
 
     def need(self, nodes: IntArray) -> None:
@@ -155,26 +159,35 @@ class DenseRest:
 
     def places(self, state: Any) -> Any:
         """Return a launch that gives who asks the first columns, so that few blocks are read."""
-        inputs = [state, self._tiling.columns, self.blocks]
+        inputs = [state, self._tiling.columns, _FEW.columns, self.blocks, self.few]
         return self._device.record(kernels.place, (len(state.slot),), inputs)
 
-    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
+    def apply(
+        self,
+        asked: NDArray[np.int32] | None,  # noqa: ARG002
+        sources: Any,
+        found: Any,
+        *,
+        at_surface: bool = False,
+    ) -> None:
         """Set ``found`` to the products of the inverse with ``sources``, over unit and weights.
 
         Args:
             sources: Float16, shape [column_count, row_count].
             found: Float32, the same shape.
+            at_surface: Only the rows at the surface are needed; most others stay as they are.
         """
-        chosen = self._tiling
-        row_blocks = self.row_count // chosen.rows
-        wp.launch(
-            product_kernel(chosen),
-            dim=row_blocks * len(self.blocks) * chosen.threads,
-            inputs=[self._matrix, self.blocks, sources, row_blocks],
-            outputs=[found],
-            block_dim=chosen.threads,
-            device=self._device.name,
-        )
+        rows = self._surface_count if at_surface else self.row_count
+        for chosen, blocks in ((_FEW, self.few), (self._tiling, self.blocks)):
+            row_blocks = -(-rows // chosen.rows)
+            wp.launch(
+                product_kernel(chosen),
+                dim=row_blocks * len(blocks) * chosen.threads,
+                inputs=[self._matrix, blocks, sources, self._order, row_blocks],
+                outputs=[found],
+                block_dim=chosen.threads,
+                device=self._device.name,
+            )
 
 
 def _dense(model: Model, whole: int, device: Device) -> Any:

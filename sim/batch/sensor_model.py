@@ -76,12 +76,6 @@ class ForceBias(NamedTuple):
     constant_left: FloatArray
     slope_left: float
 
-    def of(self, area_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return both for the areas at rest of what touches, shape [..., count]."""
-        touches = area_m2 > 0.0
-        narrow = np.where(touches, np.maximum(area_m2, 1e-300) ** -0.75, 0.0)
-        return self.constant + self.slope * narrow, self.constant_left + self.slope_left * narrow
-
 
 def sensor_model(
     pad: BoxPad,

@@ -61,14 +61,18 @@ def pack(
     steps: wp.int32,
     scale: wp.float32,
     weights: wp.array(dtype=wp.float32),
+    order: wp.array(dtype=wp.int32),
     packed: wp.array2d(dtype=wp.float16),
 ):
-    """Order a matrix as the lanes of a warp take it: by row tile, step, half, lane and place."""
+    """Order a matrix as the lanes of a warp take it: by row tile, step, half, lane and place.
+
+    Rows are taken in the given order.
+    """
     tile, step, place = wp.tid()
     half = place / 256
     group = place / 32 % 8
     member = place / 8 % 4
-    row = 16 * tile + 8 * (place / 2 % 2) + group
+    row = order[16 * tile + 8 * (place / 2 % 2) + group]
     column = 32 * step + 8 * member + 4 * half + 2 * (place / 4 % 2) + place % 2
     if row < size and column < size:
         at = (tile * steps + step) * 512 + place
@@ -77,8 +81,17 @@ def pack(
 
 
 @wp.kernel(enable_backward=False)
-def place(d: Descent, width: wp.int32, blocks: wp.array(dtype=wp.int32)):
-    """Give who asks the first columns, and blocks without any no matrix; over environments."""
+def place(
+    d: Descent,
+    width: wp.int32,
+    few_most: wp.int32,
+    blocks: wp.array(dtype=wp.int32),
+    few: wp.array(dtype=wp.int32),
+):
+    """Give who asks the first columns, and blocks without any no matrix; over environments.
+
+    ``few`` is the one block of narrow products, which serve so many columns at most.
+    """
     b = wp.tid()
     before = wp.int32(0)
     total = wp.int32(0)
@@ -89,8 +102,10 @@ def place(d: Descent, width: wp.int32, blocks: wp.array(dtype=wp.int32)):
                 before += 1
     if d.act[b] == Act.SOLVE:
         d.slot[b] = before
+    if b == 0:
+        few[0] = wp.where(total <= few_most, 0, -1)
     if b < blocks.shape[0]:
-        blocks[b] = wp.where(b * width < total, 0, -1)
+        blocks[b] = wp.where(b * width < total and total > few_most, 0, -1)
 
 
 @wp.kernel(enable_backward=False)

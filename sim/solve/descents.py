@@ -30,9 +30,8 @@ from tacauchy_rig.core.errors import ConfigError
 # Of the pad's height: the longest step of an indenter that is pushed. A factor that hardly holds it
 # would send it through the pad, where contact is no longer seen.
 _TIP_STEP_SHARE = 0.025
-# Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
-# have a larger block.
-_THREADS, _THREADS_OF_FEW, _FEW = 256, 1024, 132
+# Of a block on a GPU, which has an environment: those that run longest are few, and wait for these.
+_THREADS = 1024
 # Steps after which lagged pressure that goes up and down in turn is damped; and with an inverse
 # that is never made anew, which leaves more of the residual in each.
 _SHARES_AFTER, _SHARES_AFTER_KEPT = 100, 8
@@ -116,8 +115,7 @@ class Descents:
         self._device = device = Device(model.device)
         self._gel, self.indenter = gel, indenter
         self._aside = wp.Stream(device.name) if device.is_gpu else None
-        few = _THREADS_OF_FEW if count <= _FEW else _THREADS
-        self.threads = few if device.is_gpu else 1
+        self.threads = _THREADS if device.is_gpu else 1
         self.body = body_of(indenter, device=device.name)
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]

@@ -18,9 +18,9 @@ from isaaclab.sensors import SensorBase, SensorBaseCfg
 from isaaclab.utils import configclass
 from isaaclab_newton.physics import NewtonManager
 
+from sim.coupling.gel_contact import UNMOVED
 from sim.scene.indenter import Indenter
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gel_contact import UNMOVED
 from tacauchy_rig.envs.newton import TactileSensor as OnNewton
 
 
@@ -73,8 +73,7 @@ class TactileSensor(SensorBase):
     def reset(self, env_ids: Sequence[int] | None = None, env_mask: Any = None) -> None:
         """Put the gels of environments back to rest."""
         super().reset(env_ids, env_mask)
-        which = self._resolve_indices_and_mask(env_ids, env_mask).numpy().astype(np.bool_)
-        self._felt.contact.reset(which)
+        self._felt.contact.reset(self._resolve_indices_and_mask(env_ids, env_mask))
 
     def press(self, state: Any) -> None:
         """Press the objects where a newton state has them, and add the forces to it [N, N m]."""
@@ -90,22 +89,28 @@ class TactileSensor(SensorBase):
         )
         frames = {"pad_frame": cfg.pad_frame, "tip_frame": cfg.tip_frame}
         self._felt = OnNewton(model, pads, objects, cfg.indenter, **frames, **cfg.gel)
+        batch = self._felt.contact.batch
+        which = np.flatnonzero(batch.areas_m2)
+        self._which, self._areas_m2, self._points_m = (
+            torch.as_tensor(each, device=self.device)
+            for each in (which, batch.areas_m2[which], batch.model.nodes[which])
+        )
 
     def _update_buffers_impl(self, env_mask: Any) -> None:
         del env_mask  # all are drawn at once
         contact = self._felt.contact
-        batch = contact.batch
-        which = np.flatnonzero(batch.areas_m2)
-        areas = torch.as_tensor(batch.areas_m2[which], device=self.device)
-        pressure, shear = (torch.from_dlpack(each)[:, which] for each in batch.tractions())
-        on_host = ("wrench", "force_error", "is_valid")
+        pressure, shear = (
+            torch.from_dlpack(each)[:, self._which] for each in contact.batch.tractions()
+        )
         self._data = TactileSensorData(
-            **{name: torch.tensor(getattr(contact, name), device=self.device) for name in on_host},
+            wrench=torch.from_dlpack(contact.wrench).clone(),
+            force_error=torch.from_dlpack(contact.force_error).clone(),
+            is_valid=torch.from_dlpack(contact.is_valid).clone(),
             tactile_rgb_image=torch.from_dlpack(contact.images()).clone(),
             tactile_depth_image=torch.from_dlpack(contact.dents).clone()[..., None],
-            tactile_normal_force=areas * pressure,
-            tactile_shear_force=areas[:, None] * shear[..., :2],
-            points_m=torch.as_tensor(batch.model.nodes[which], device=self.device),
+            tactile_normal_force=self._areas_m2 * pressure,
+            tactile_shear_force=self._areas_m2[:, None] * shear[..., :2],
+            points_m=self._points_m,
         )
 
 

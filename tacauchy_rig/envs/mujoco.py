@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import typer
 
+from sim.coupling.gel_contact import UNMOVED, GelContact
 from sim.device import start_warp
 from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gel_contact import UNMOVED, Frames, GelContact, Motions
 
 try:
     import mujoco
@@ -71,32 +72,40 @@ class TactileSensor:
     ) -> None:
         self._model = model
         self._bodies = tuple(_body(model, name) for name in (pad, tip))
-        self._frames = np.asarray(pad_frame), np.asarray(tip_frame)
+        self._frames = [np.asarray(frame, np.float64) for frame in (pad_frame, tip_frame)]
         self.contact = GelContact(indenter, count=1, **settings)
 
     def update(self, data: Any) -> None:
         """Press the object into the gel, and set the forces on both bodies."""
         for of_state in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
             of_state(self._model, data)  # mj_step leaves those of its beginning
-        pad, tip = (
-            Frames.of(np.r_[data.xpos[body], np.roll(data.xquat[body], -1)][None]).then(frame)
-            for body, frame in zip(self._bodies, self._frames, strict=True)
-        )
-        self.contact.press(pad, tip)
-        moving = [self._motion(data, body) for body in self._bodies]
-        loads = self.contact.loads(pad, tip, moving[0], moving[1], self._model.opt.timestep)
-        for body, load in zip(self._bodies, loads, strict=True):
-            data.xfrc_applied[body] = load[0]
+        contact = self.contact
+        sides = zip(self._bodies, self._frames, (contact.pads, contact.objects), strict=True)
+        for body, frame, bodies in sides:
+            self._set(bodies, data, body, frame)
+        contact.press()
+        contact.react(self._model.opt.timestep)
+        for body, loads in zip(self._bodies, (contact.on_pads, contact.on_objects), strict=True):
+            data.xfrc_applied[body] = loads.numpy()[0]
 
-    def _motion(self, data: Any, body: int) -> Motions:
+    def _set(self, bodies: Any, data: Any, body: int, frame: FloatArray) -> None:
+        """Set a side of the contact to where a body is, and to how it moves."""
+        at, turned = np.zeros(3), np.zeros(4)
+        mujoco.mju_mulPose(
+            at, turned, data.xpos[body], data.xquat[body], frame[:3], np.roll(frame[3:], 1)
+        )
         speeds = np.zeros(6)
         mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, speeds, 0)
         turn = data.ximat[body].reshape(3, 3)
         mass, inertia = self._model.body_mass[body], self._model.body_inertia[body]
         moves = self._model.body_weldid[body] > 0 and mass > 0.0  # 0 is the world
         inverse = moves * (turn / np.where(inertia > 0.0, inertia, np.inf)) @ turn.T
-        parts = (speeds[3:], speeds[:3], 1.0 / mass if moves else 0.0, inverse)
-        return Motions(data.xipos[body][None], *(np.asarray(each)[None] for each in parts))
+        bodies.frames.assign(np.r_[at, np.roll(turned, -1)][None])
+        bodies.centres.assign(data.xipos[body][None])
+        bodies.velocities.assign(speeds[None, 3:])
+        bodies.spins.assign(speeds[None, :3])
+        bodies.inverse_masses.assign(np.array([1.0 / mass if moves else 0.0]))
+        bodies.inverse_inertias.assign(inverse[None])
 
 
 def _body(model: Any, name: str) -> int:
@@ -128,8 +137,8 @@ def main(steps: int = 400) -> None:
         sensor.update(data)
         if time.perf_counter() - said > 2.0:
             said = time.perf_counter()
-            typer.echo(f"step {k + 1} of {steps}: {sensor.contact.wrench[0, 2]:.4f} N")
-    ratio = sensor.contact.wrench[0, 2] / (0.02 * 9.81)
+            typer.echo(f"step {k + 1} of {steps}: {sensor.contact.wrench.numpy()[0, 2]:.4f} N")
+    ratio = sensor.contact.wrench.numpy()[0, 2] / (0.02 * 9.81)
     rate = steps / (time.perf_counter() - started)
     typer.echo(f"wrench over weight: {ratio:.4f}; {rate:.0f} steps/s")
 

@@ -13,12 +13,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from sim.coupling import gel_kernels as kernels
+from sim.coupling.gel_contact import UNMOVED, GelContact
 from sim.device import Device, start_warp
 from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gel_contact import UNMOVED, Frames, GelContact, Motions
 
 try:
     import newton
@@ -62,46 +63,36 @@ class TactileSensor:
         tip_frame: Sequence[float] = UNMOVED,
         **settings: Any,
     ) -> None:
-        self._pads, self._objects = (_bodies(model, each) for each in (pads, objects))
-        if len(self._pads) != len(self._objects) or not len(self._pads):
+        carrying, pressing = (_bodies(model, each) for each in (pads, objects))
+        if len(carrying) != len(pressing) or not len(carrying):
             raise ConfigError(
-                f"{len(self._pads)} pads and {len(self._objects)} objects",
+                f"{len(carrying)} pads and {len(pressing)} objects",
                 remedy="name one object for each pad, by the labels of their bodies",
             )
-        self._pad_frame, self._tip_frame = np.asarray(pad_frame), np.asarray(tip_frame)
-        self._centres, self._inverse_masses, self._inverse_inertias = (
-            each.numpy().astype(np.float64)
-            for each in (model.body_com, model.body_inv_mass, model.body_inv_inertia)
+        self._device, self._count = Device(str(model.device)), (len(carrying),)
+        self.contact = GelContact(
+            indenter, count=len(carrying), device=self._device.name, **settings
         )
-        device = str(model.device)
-        self.contact = GelContact(indenter, count=len(self._pads), device=device, **settings)
+        self._model = model
+        self._numbers = [self._device.array(each, int) for each in (carrying, pressing)]
+        self._frames = [self._device.array([each], kernels.Pose) for each in (pad_frame, tip_frame)]
 
     def update(self, state: Any) -> None:
         """Press the objects into the gels where a state has them."""
-        self._poses = state.body_q.numpy().astype(np.float64)
-        self._at = (
-            Frames.of(self._poses[self._pads]).then(self._pad_frame),
-            Frames.of(self._poses[self._objects]).then(self._tip_frame),
-        )
-        self.contact.press(*self._at)
+        model, contact = self._model, self.contact
+        inertia = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
+        sides = zip(self._numbers, self._frames, (contact.pads, contact.objects), strict=True)
+        for numbers, frame, bodies in sides:
+            given = [numbers, frame, *inertia, state.body_q, state.body_qd]
+            self._device.launch(kernels.gather, self._count, given, [bodies])
+        contact.press()
 
     def apply(self, state: Any, step_s: float) -> None:
         """Add the forces of the last ``update`` to the bodies, for a solver's step [s]."""
-        speeds, forces = state.body_qd.numpy(), state.body_f.numpy().copy()
-        on = (self._pads, self._objects)
-        moving = [self._motions(speeds, each) for each in on]
-        loads = self.contact.loads(*self._at, moving[0], moving[1], step_s)
-        for which, load in zip(on, loads, strict=True):
-            np.add.at(forces, which, load)
-        state.body_f.assign(forces)
-
-    def _motions(self, speeds: FloatArray, which: IntArray) -> Motions:
-        body = Frames.of(self._poses[which])
-        centres_m = body.at + body.turn.apply(self._centres[which])
-        turn = body.turn.as_matrix()
-        inverse = turn @ self._inverse_inertias[which] @ turn.transpose(0, 2, 1)
-        spun = (speeds[which, :3], speeds[which, 3:], self._inverse_masses[which], inverse)
-        return Motions(centres_m, *spun)
+        self.contact.react(step_s)
+        loads = (self.contact.on_pads, self.contact.on_objects)
+        for numbers, load in zip(self._numbers, loads, strict=True):
+            self._device.launch(kernels.scatter, self._count, [numbers, load], [state.body_f])
 
 
 def _bodies(model: Any, chosen: str | Sequence[int]) -> IntArray:
@@ -172,10 +163,10 @@ def main(
             felt_s, started = 0.0, time.perf_counter()
         if time.perf_counter() - said > 2.0:
             said = time.perf_counter()
-            ratio = sensor.contact.wrench[:, 2].mean() / weight_n
+            ratio = sensor.contact.wrench.numpy()[:, 2].mean() / weight_n
             typer.echo(f"step {k + 1} of {steps}: wrench over weight {ratio:.4f}")
     took, many = time.perf_counter() - started, environments * max(steps - 1, 1)
-    ratios = sensor.contact.wrench[:, 2] / weight_n
+    ratios = sensor.contact.wrench.numpy()[:, 2] / weight_n
     typer.echo(f"wrench over weight: {ratios.min():.4f} to {ratios.max():.4f}")
     typer.echo(
         f"steps/s over {environments} environments: {many / took:.0f} of the whole loop, "

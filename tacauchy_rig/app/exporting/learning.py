@@ -49,8 +49,8 @@ from tacauchy_rig.core.store.run_store import RunStore
 IMAGE, WRENCH = "observation.images.tactile", "observation.wrench"
 WINDOW, STATE = "observation.wrench_window", "observation.state"
 _TASK = "press the tactile sensor"
-_CODEC: Mapping[str, str] = {"crf": "12", "g": "2", "preset": "veryfast"}
-"""Of H.264: nearly without loss, and every second frame stands alone."""
+_CODEC: Mapping[str, str] = {"bf": "0", "crf": "12", "g": "2", "preset": "veryfast"}
+"""Of H.264: nearly without loss, every second frame stands alone, none refers to a later one."""
 _FIRST = dict.fromkeys(PLACE, 0)
 _VIDEO = {"video.codec": "h264", "video.pix_fmt": "yuv420p", "video.is_depth_map": False}
 _STATISTICS: Mapping[str, Any] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}

@@ -22,6 +22,7 @@ from tacauchy_rig.core.errors import ConfigError
 
 STATES_A_SECOND = 12
 PRIMVARS = {"contact_pressure_pa": "Float", "contact_shear_pa": "Vector3f"}
+_GEL_COLOUR = (0.55, 0.6, 0.65)
 _FOCAL_MM, _TENTHS = 10.0, 10.0
 """A camera's focal length, and USD's apertures, which are in tenths of a scene unit."""
 _EDGE_M, _WALL_M, _DEEP_M = 1.25e-3, 1e-3, 0.025
@@ -75,9 +76,6 @@ def _write_sensor(sensor: Sensor, out: Path) -> None:
     }
     stage = _new_stage(out / f"{sensor.name}.usd", "Sensor")
     _define_gel(stage, found)
-    gel, case = ((0.55, 0.6, 0.65), (0.08, 0.08, 0.08))
-    skin = _define_mesh(stage, "Gel/Skin", mesh.vertices, faces, gel)  # most draw no TetMesh
-    _colour(stage, skin, gel)
     half = np.array(pad.half_extents())
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     rings = [(half, 0.0), (half + _WALL_M, 0.0), (half + _WALL_M, -_DEEP_M), (half, -_DEEP_M)]
@@ -87,7 +85,7 @@ def _write_sensor(sensor: Sensor, out: Path) -> None:
         for r in range(4)
         for k in range(4)
     ]
-    prim = _define_mesh(stage, "Case", corners, np.array(sides), case)
+    prim = _define_mesh(stage, "Case", corners, np.array(sides), (0.08, 0.08, 0.08))
     needed("pxr.UsdPhysics").CollisionAPI.Apply(prim)
     _define_camera(stage, sensor)
     stage.GetRootLayer().Save()
@@ -117,7 +115,7 @@ def _new_stage(path: Path, root: str) -> Any:
 
 
 def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
-    """Define the gel's mesh, its samples in time and its material."""
+    """Define the gel's mesh, the skin that renderers draw, their samples in time, the material."""
     root = stage.GetDefaultPrim().GetPath()
     UsdGeom, UsdShade, Sdf = (needed(f"pxr.{name}") for name in ("UsdGeom", "UsdShade", "Sdf"))
     body = UsdGeom.Xform.Define(stage, f"{root}/Gel").GetPrim()
@@ -131,24 +129,16 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
     mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     for name in ("PhysicsVolumeDeformableSimAPI", "PhysicsCollisionAPI"):
         prim.AddAppliedSchema(name)
-    points = mesh.CreatePointsAttr(_array("Vec3f", found["node_rest_m"][corners]))
-    rest = Sdf.ValueTypeNames.Point3fArray
-    prim.CreateAttribute("physics:restShapePoints", rest).Set(points.Get())
-    moved = {"displacement_m": "Vector3f", **PRIMVARS}
-    api, kinds = UsdGeom.PrimvarsAPI(prim), Sdf.ValueTypeNames
-    fields = {
-        name: api.CreatePrimvar(name, getattr(kinds, f"{kind}Array"), UsdGeom.Tokens.vertex)
-        for name, kind in moved.items()
-    }
-    extent = mesh.CreateExtentAttr()
-    for k, nodes in enumerate(found["node_m"]):
-        placed = nodes[corners]
-        points.Set(_array("Vec3f", placed), k)
-        extent.Set(_array("Vec3f", np.array([placed.min(axis=0), placed.max(axis=0)])), k)
-        values = {"displacement_m": placed - found["node_rest_m"][corners]}
-        values |= {name: found[name][k][corners] for name in PRIMVARS}
-        for name, array in values.items():
-            fields[name].Set(_array("Vec3f" if array.ndim > 1 else "Float", array), k)
+    mesh.CreatePointsAttr(_array("Vec3f", found["node_rest_m"][corners]))
+    kinds = Sdf.ValueTypeNames
+    rest = prim.CreateAttribute("physics:restShapePoints", kinds.Point3fArray)
+    rest.Set(mesh.GetPointsAttr().Get())
+    outer, faces = np.unique(found["faces"], return_inverse=True)
+    shown = _define_mesh(
+        stage, "Gel/Skin", found["node_rest_m"][outer], faces.reshape(-1, 3), _GEL_COLOUR
+    )
+    _add_samples(prim, corners, found)
+    _add_samples(shown, outer, found)
     material = UsdShade.Material.Define(stage, f"{root}/Material")
     of_material = material.GetPrim()
     of_material.AddAppliedSchema("PhysicsVolumeDeformableMaterialAPI")
@@ -161,6 +151,26 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
         of_material.CreateAttribute(f"physics:{name}", kinds.Float).Set(float(value))
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, materialPurpose="physics")
     UsdShade.MaterialBindingAPI.Apply(body).Bind(material, materialPurpose="physics")
+    _colour(stage, shown, _GEL_COLOUR)
+
+
+def _add_samples(prim: Any, nodes: AnyArray, found: dict[str, AnyArray]) -> None:
+    """Add where nodes are in time, and the fields there."""
+    UsdGeom, kinds = needed("pxr.UsdGeom"), needed("pxr.Sdf").ValueTypeNames
+    points, api = UsdGeom.PointBased(prim), UsdGeom.PrimvarsAPI(prim)
+    fields = {
+        name: api.CreatePrimvar(name, getattr(kinds, f"{kind}Array"), UsdGeom.Tokens.vertex)
+        for name, kind in {"displacement_m": "Vector3f", **PRIMVARS}.items()
+    }
+    at, extent = points.CreatePointsAttr(), points.CreateExtentAttr()
+    for k, positions in enumerate(found["node_m"]):
+        placed = positions[nodes]
+        at.Set(_array("Vec3f", placed), k)
+        extent.Set(_array("Vec3f", np.array([placed.min(axis=0), placed.max(axis=0)])), k)
+        values = {"displacement_m": placed - found["node_rest_m"][nodes]}
+        values |= {name: found[name][k][nodes] for name in PRIMVARS}
+        for name, array in values.items():
+            fields[name].Set(_array("Vec3f" if array.ndim > 1 else "Float", array), k)
 
 
 def _define_indenter(stage: Any, found: dict[str, AnyArray]) -> None:

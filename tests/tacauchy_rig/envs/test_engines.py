@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import mujoco
 import newton
 import numpy as np
 import pytest
+import warp as wp
 from scipy.spatial.transform import Rotation
 
+from sim.coupling.gel_contact import UNMOVED, GelContact
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gel_contact import Frames, GelContact, Motions
 from tacauchy_rig.envs.mujoco import ball_on_pad
 from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
 
@@ -41,8 +43,8 @@ def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
     model, sensor = balls_on_pads(2, device="cpu", mass_kg=MASS_KG)
     state, impulse = _go(model, sensor, 120)
     weight_n = MASS_KG * GRAVITY
-    np.testing.assert_allclose(sensor.contact.wrench[:, 2], weight_n, rtol=0.01)
-    assert sensor.contact.is_valid.all()
+    np.testing.assert_allclose(sensor.contact.wrench.numpy()[:, 2], weight_n, rtol=0.01)
+    assert sensor.contact.is_valid.numpy().all()
     gained = MASS_KG * state.body_qd.numpy()[1::2, 2]
     np.testing.assert_allclose(impulse - 120 * STEP_S * weight_n, gained, atol=0.01 * impulse.max())
 
@@ -58,10 +60,10 @@ def test_a_ball_beside_the_middle_that_falls_at_50_mm_s_stays() -> None:
     state.body_q.assign(poses)
     state.body_qd.assign(speeds)
     state, _impulse = _go(model, sensor, 1000, state)
-    assert sensor.contact.wrench[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
+    assert sensor.contact.wrench.numpy()[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
     assert np.abs(state.body_qd.numpy()[1, :3]).max() < 5e-4
     assert np.abs(state.body_q.numpy()[1, :2] - poses[1, :2]).max() < 0.5e-3
-    assert sensor.contact.is_valid.all()
+    assert sensor.contact.is_valid.numpy().all()
 
 
 @pytest.mark.slow
@@ -91,9 +93,9 @@ def test_a_ball_far_away_costs_nothing_and_has_no_wrench() -> None:
     model, sensor = balls_on_pads(1, device="cpu", fall_m=5e-3)
     bare = sensor.contact.images().numpy().copy()
     _go(model, sensor, 2)
-    assert not sensor.contact.wrench.any()
-    assert sensor.contact.is_valid.all()
-    assert not sensor.contact.is_near.any()
+    assert not sensor.contact.wrench.numpy().any()
+    assert sensor.contact.is_valid.numpy().all()
+    assert not sensor.contact.is_near.numpy().any()
     np.testing.assert_array_equal(sensor.contact.images().numpy(), bare)
 
 
@@ -102,28 +104,81 @@ def test_a_peg_that_lies_on_the_gel_is_felt_though_its_end_is_far_beside() -> No
     contact = GelContact(Cylinder(diameter_m=4e-3, fillet_m=1e-3), count=1, edge_m=3e-3)
     pad = load_sensor("gelsight-mini").pad
     assert isinstance(pad, BoxPad)
-    end = np.array([[-0.5 * pad.size_x_m - 8e-3, 0.0, pad.height_m + 2e-3 - 0.3e-3]])
-    contact.press(
-        Frames(np.zeros((1, 3)), Rotation.identity(1)),
-        Frames(end, Rotation.from_euler("y", [90.0], degrees=True)),
-    )
-    assert contact.is_valid.all()
-    assert contact.wrench[0, 2] > 0.1
+    lying = Rotation.from_euler("y", 90.0, degrees=True).as_quat()
+    end = [-0.5 * pad.size_x_m - 8e-3, 0.0, pad.height_m + 2e-3 - 0.3e-3, *lying]
+    contact.pads.frames.assign([UNMOVED])
+    contact.objects.frames.assign([end])
+    contact.press()
+    assert contact.is_valid.numpy().all()
+    assert contact.wrench.numpy()[0, 2] > 0.1
 
 
 def test_a_sliding_ball_feels_no_more_than_coulombs_force() -> None:
     """Loss adds to friction while the gel still gives way, not beyond the friction itself."""
     contact = GelContact(Sphere(diameter_m=8e-3), count=1, edge_m=3.5e-3, friction=0.3)
-    pad, nothing = load_sensor("gelsight-mini").pad, np.zeros((1, 3))
-    held = Motions(nothing, nothing, nothing, np.zeros(1), np.zeros((1, 3, 3)))
-    moving = held._replace(velocities=np.array([[0.2, 0.0, 0.0]]), inverse_masses=np.full(1, 50.0))
-    pads = Frames(nothing, Rotation.identity(1))
+    pad = load_sensor("gelsight-mini").pad
+    contact.pads.frames.assign([UNMOVED])
+    contact.objects.velocities.assign([[0.2, 0.0, 0.0]])
+    contact.objects.inverse_masses.assign([50.0])
     for x_m in (0.0, 0.3e-3, 0.6e-3):
-        tips = Frames(np.array([[x_m, 0.0, pad.height_m - 0.5e-3]]), Rotation.identity(1))
-        contact.press(pads, tips)
-        load = contact.loads(pads, tips, held, moving, STEP_S)[1][0]
-        assert load[0] < contact.wrench[0, 0] + 1e-9
+        contact.objects.frames.assign([[x_m, 0.0, pad.height_m - 0.5e-3, *UNMOVED[3:]]])
+        contact.press()
+        contact.react(STEP_S)
+        load = contact.on_objects.numpy()[0]
+        assert load[0] < contact.wrench.numpy()[0, 0] + 1e-9
         assert np.hypot(*load[:2]) == pytest.approx(0.3 * load[2], rel=0.03)
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_no_array_goes_through_the_host(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the solver on a processor looks at arrays, which are its own; on a GPU nobody does."""
+    model, sensor = balls_on_pads(2, device=device, fall_m=-1e-4)
+    state, _impulse = _go(model, sensor, 2)
+    callers = []
+
+    def spied(name: str) -> None:
+        original = getattr(wp.array, name)
+
+        def call(array: Any, *args: Any, **settings: Any) -> Any:
+            if name == "numpy" or args or settings.get("data") is not None:
+                callers.append(sys._getframe(1).f_globals["__name__"])
+            return original(array, *args, **settings)
+
+        monkeypatch.setattr(wp.array, name, call)
+
+    for name in ("numpy", "__init__"):
+        spied(name)
+    sensor.update(state)
+    sensor.apply(state, STEP_S)
+    solver = {"sim.solve.descents", "sim.batch.contact_inverse", "sim.batch.rest_inverse"}
+    assert {*callers} <= (solver if device == "cpu" else set())
+    monkeypatch.undo()
+    assert sensor.contact.is_near.numpy().all()
+
+
+@pytest.mark.gpu
+def test_an_engines_graph_takes_the_sensor_along() -> None:
+    """A captured step presses as one that is not, where the ball then is."""
+    wrenches = []
+    for is_captured in (False, True):
+        model, sensor = balls_on_pads(2, device="cuda:0", fall_m=-1e-4)
+        state, _impulse = _go(model, sensor, 1)
+        graph = None
+        if is_captured:
+            with wp.ScopedCapture(device="cuda:0") as capture:
+                sensor.update(state)
+                sensor.apply(state, STEP_S)
+            graph = capture.graph
+        poses = state.body_q.numpy()
+        poses[1::2, 2] -= 0.1e-3
+        state.body_q.assign(poses)
+        if graph is None:
+            sensor.update(state)
+        else:
+            wp.capture_launch(graph)
+        wrenches.append(sensor.contact.wrench.numpy())
+    np.testing.assert_allclose(*wrenches, rtol=1e-6, atol=1e-9)
+    assert wrenches[0][:, 2].min() > 0.1
 
 
 def test_as_many_objects_as_pads_are_needed() -> None:
@@ -141,5 +196,5 @@ def test_a_ball_rests_on_a_gel_in_mujoco_with_its_weight_as_wrench() -> None:
     for _ in range(120):
         sensor.update(data)
         mujoco.mj_step(model, data)
-    assert sensor.contact.wrench[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
+    assert sensor.contact.wrench.numpy()[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
     np.testing.assert_allclose(data.xfrc_applied[1, :3], -data.xfrc_applied[2, :3])

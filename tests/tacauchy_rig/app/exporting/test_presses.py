@@ -87,6 +87,9 @@ def test_usd_is_valid_and_in_time(press: Path, states: dict[str, Any], tmp_path:
     assert np.linalg.det(tets[:, 1:] - tets[:, :1]).min() > 0.0
     pressure = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("contact_pressure_pa").Get(last)
     np.testing.assert_array_equal(pressure, states["contact_pressure_pa"][last][corners])
+    outer = np.unique(states["faces"])
+    skin = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/Press/Gel/Skin")).GetPointsAttr().Get(last))
+    np.testing.assert_allclose(skin, states["node_m"][last][outer], atol=1e-9)
     binding = UsdShade.MaterialBindingAPI(mesh.GetPrim())
     material = binding.ComputeBoundMaterial("physics")[0].GetPrim()
     assert material.GetAttribute("physics:youngsModulus").Get() == pytest.approx(0.3e6)

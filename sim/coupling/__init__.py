@@ -1,0 +1,1 @@
+"""Contact between gels and the rigid bodies of a robot simulator, both ways."""
