@@ -148,7 +148,7 @@ class Batch:
         young_pa = np.array([young[touched] for young, _ in own])
         rims = rims_of(model, indenters)[np.asarray(which)]
         longest, short = _STEP_SHARES
-        careful = (rims != Rim.ROUND) | contact.is_tangential
+        careful = (rims > Rim.FILLET) | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
         self._bias, self._floor_n = bias_of(model, rims), floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)

@@ -134,7 +134,15 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
         pad, spacing_m=coarse_m, symmetry=MirrorSymmetry(), interface_shares=interface_shares
     )
     mesh = bisected_level(base, pad, size_at)
-    return replace(mesh, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
+    # Flat faces between points of a dome lie below it: on average they are to lie on it.
+    top = pad.height_at(mesh.vertices[:, 0], mesh.vertices[:, 1])
+    ends = _edges(mesh)[0]
+    ends = ends[np.isclose(mesh.vertices[ends, 2], top[ends], rtol=0.0, atol=1e-9).all(axis=1)]
+    middles = mesh.vertices[ends].mean(axis=1)
+    below_m = np.mean(pad.height_at(middles[:, 0], middles[:, 1]) - middles[:, 2])
+    raised = mesh.vertices.copy()
+    raised[:, 2] *= 1.0 + below_m / top
+    return replace(mesh, vertices=raised, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
 
 
 def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
