@@ -197,7 +197,7 @@ class Device:
         after the other: of many environments often few are wanted, and blocks that find nothing to
         do would take most of the time.
         """
-        blocks = {"block_dim": threads} if threads else {"max_blocks": _MOST_BLOCKS}
+        blocks: dict[str, Any] = {"block_dim": threads} if threads else {"max_blocks": _MOST_BLOCKS}
         return wp.launch(kernel, shape, inputs, device=self.name, record_cmd=True, **blocks)
 
 
