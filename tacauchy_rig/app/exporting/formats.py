@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,8 +12,8 @@ from importlib import import_module
 from pathlib import Path
 
 from tacauchy_rig.app.sweep.names import INDEX
-from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.errors import RecordError, RigError
+from tacauchy_rig.core.store.durable import free_bytes, write_error
 
 
 class Format(StrEnum):
@@ -50,6 +52,9 @@ WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.PRESSURE_LAW: ("pressure_law", "write_pressure_law"),
 }
 """Of each format its module, and what writes it: others are not even loaded."""
+
+_LEAST_BYTES = 1_000_000
+"""With less free space, an error of a library is taken for a full disk."""
 
 
 def export(
@@ -111,5 +116,10 @@ def _new_folder(out: Path) -> Iterator[Path]:
         folder.rename(out)
     except OSError as error:
         raise write_error(Path(error.filename or out), error) from error
+    except Exception as error:
+        if isinstance(error, RigError) or free_bytes(folder) > _LEAST_BYTES:
+            raise
+        full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # libraries raise errors of theirs
+        raise write_error(out, full) from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)

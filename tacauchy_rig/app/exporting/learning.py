@@ -197,11 +197,39 @@ _UNITS = {"_m": "m", "_pa": "Pa", "_n": "N", "_s": "s"}
 _IMAGE = {"compression": "gzip", "compression_opts": 1}
 
 
+class _Patient(io.FileIO):
+    """A file that keeps its error: HDF5 ends the program where a full disk keeps it from closing.
+
+    Attributes:
+        failed: What the first write that failed raised.
+    """
+
+    failed: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        """Write all of the content, or keep why not."""
+        left = memoryview(content).cast("B")
+        try:
+            while left and self.failed is None:
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.failed = error
+        return memoryview(content).nbytes
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size, or keep why not."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failed = error
+            return size or 0
+
+
 def write_hdf5(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
     """Write presses into ``presses.hdf5``."""
     h5py, episodes = needed("h5py"), list(presses)
     rate, rows = even_rows(episodes)
-    with h5py.File(out / "presses.hdf5", "w") as file:
+    with _Patient(out / "presses.hdf5", "w+") as raw, h5py.File(raw, "w") as file:
         data = file.create_group("data")
         data.attrs["total"] = sum(len(each.time_s) for each in rows)
         data.attrs["rate_hz"] = rate
@@ -212,7 +240,10 @@ def write_hdf5(presses: Iterable[Episode], out: Path, _store: RunStore | None) -
         }
         data.attrs["env_args"] = json.dumps(about)
         for number, (episode, own) in enumerate(zip(episodes, rows, strict=True)):
-            _write_demo(data.create_group(f"demo_{number}"), episode, own)
+            if raw.failed is None:
+                _write_demo(data.create_group(f"demo_{number}"), episode, own)
+    if raw.failed is not None:
+        raise raw.failed
 
 
 def _write_demo(group: Any, episode: Episode, rows: Rows) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import resource
+import subprocess
+import sys
 import tarfile
 from dataclasses import astuple
 from pathlib import Path
@@ -16,7 +19,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.exporting.formats import Format, export
+from tacauchy_rig.app.exporting.formats import OF_EPISODES, Format, export
 from tacauchy_rig.app.exporting.pressure_law import _law, _overlap
 from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.sweep import run
@@ -126,6 +129,25 @@ def test_a_data_set_keeps_its_numbers_in_a_bag(swept: Path, tmp_path: Path) -> N
     images = {each.data.tobytes() for each in read["/tactile/image"]}
     table = pq.read_table(swept / rows[0]["shard"])
     assert images == {*table["image"].to_pylist(), *table["reference"].to_pylist()}
+
+
+@pytest.mark.parametrize("form", OF_EPISODES)
+def test_a_full_disk_leaves_nothing_and_names_a_remedy(
+    swept: Path, tmp_path: Path, form: Format
+) -> None:
+    """A limit of the size of files stands for the disk; the program ends with exit code 2."""
+    program = "import sys; from tacauchy_rig.app.cli.app import main; main()"
+    told = subprocess.run(
+        [sys.executable, "-c", program, "export", swept, tmp_path / "out", "--to", form],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, 2_000)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 2, told.stderr
+    assert "no space left to write" in told.stderr
+    assert "Traceback" not in told.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("form", [Format.CSV, Format.VTU, Format.TAXIM, Format.PRESSURE_LAW])
