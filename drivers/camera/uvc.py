@@ -20,7 +20,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera.capture import READ_TIMEOUT_S, Capture, open_camera, open_url
 from drivers.camera.pictures import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
 from drivers.camera.selection import (
     VideoDevice,
@@ -29,6 +28,7 @@ from drivers.camera.selection import (
     is_url,
     probe_url,
 )
+from drivers.camera.settings import READ_TIMEOUT_S, Capture, open_camera, open_url
 from drivers.camera.v4l2 import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer

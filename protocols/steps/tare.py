@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.force_sensor.weighing import tare_of
+from drivers.force_sensor.known_weight import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.steps.motion import listen
