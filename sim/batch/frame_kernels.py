@@ -18,6 +18,8 @@ _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))
 _NOTHING = wp.constant(wp.float64(1e-300))
 # How often a load is corrected at most, and the change of a bias that is none.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
+# How far above its first goal an indenter begins to come down [m].
+_ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
 _WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
 
@@ -147,7 +149,7 @@ def set_out(
     # Data out:
     new_out: wp.array(dtype=wp.int32),
 ):
-    """Put indenters that come down anew to their first goals; over [environment_count]."""
+    """Put indenters that come down anew above their first goals; over [environment_count]."""
     b = wp.tid()
     history.comes[b] = 0
     if history.moves[b] == 1:
@@ -158,7 +160,8 @@ def set_out(
             history.lowered[b] = 1
             goal = goal_of(motions, b)
             history.turns[b] = wp.transform_get_rotation(goal)
-            poses.tips[b] = wp.transform_get_translation(goal)
+            tip = wp.transform_get_translation(goal)
+            poses.tips[b] = wp.vec3d(tip[0], tip[1], tip[2] + _ABOVE)
             poses.rotations[b] = wp.quat_to_matrix(history.turns[b])
 
 
@@ -384,15 +387,16 @@ def let_go(wanted: wp.array(dtype=wp.int32), grip: GripArrays):
 
 
 @wp.kernel(enable_backward=False)
-def lift(
+def lower(
     wanted: wp.array(dtype=wp.int32),
     gaps: wp.array2d(dtype=wp.float64),
-    least: wp.float64,
+    motions: Motions,
     poses: Poses,
 ):
-    """Raise indenters, where wanted, that are nearer to the gel than ``least`` [m].
+    """Lower indenters, where wanted, by their gap to the gel, to their goals at most.
 
-    Launches over [environment_count, threads of a block].
+    Coming from above they cannot end below its surface. Launches over [environment_count, threads
+    of a block].
     """
     b, thread = wp.tid()
     gap = wp.float64(1e300)
@@ -400,8 +404,8 @@ def lift(
         gap = wp.min(gap, gaps[b, p])
     nearest = wp.tile_reduce(wp.min, wp.tile(gap))
     if thread == 0 and wanted[b] == 1:
-        tip = poses.tips[b]
-        tip[2] = tip[2] + wp.max(least - nearest[0], wp.float64(0.0))
+        tip, goal = poses.tips[b], wp.transform_get_translation(goal_of(motions, b))
+        tip[2] = wp.max(tip[2] + motions.standoff - nearest[0], goal[2])
         poses.tips[b] = tip
 
 

@@ -15,7 +15,7 @@ from tacauchy_rig.core.arrays import FloatArray
 
 # Steps of a descent between two looks at who has arrived: a look is nine launches.
 _STEPS_ON_GPU = 2
-_LIFTS = 40
+_LOWERINGS = 40
 
 
 class Frames:
@@ -123,12 +123,12 @@ class Frames:
         points, gaps = tuple(buffers[1].shape), buffers[2].reshape((descents.count, -1))
         at = [descents.surface, descents.body, new, poses]
         touch = record(made.touch, points, [*at, descents.grip, positions, *buffers])
-        least, threads = model.contact_options.distance_m, 256 if self._device.is_gpu else 1
-        lift = record(kernels.lift, (descents.count, threads), [new, gaps, least, poses], threads)
+        threads, down = 256 if self._device.is_gpu else 1, [new, gaps, self.motions, poses]
+        lower = record(kernels.lower, (descents.count, threads), down, threads)
         grips = (descents.grip, descents.grip_start) if model.contact_options.is_tangential else ()
         let_go = [record(kernels.let_go, points, [new, grip]) for grip in grips]
         drag = [record(made.drag, points, [*at, positions, grip]) for grip in grips]
-        return set_out, [*let_go, put_back, *[touch, lift] * _LIFTS, put_back, *drag]
+        return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
     def _recorded(
         self, arm_m: float, biased: list[Any], ending: list[Any]

@@ -106,8 +106,8 @@ def write_error(path: Path, error: OSError) -> RecordError:
 def _elsewhere(path: Path) -> str:
     """Return what says where a file goes: of a command, or of what is kept between commands."""
     in_cache = not {".cache", "tacauchy-rig"}.isdisjoint(path.parts)
-    names = "the variable XDG_CACHE_HOME" if in_cache else "--out, --json or run.output_directory"
-    return f"name another place with {names}"
+    asked = "FOLDER, --out, --json or run.output_directory"
+    return f"name another place with {'the variable XDG_CACHE_HOME' if in_cache else asked}"
 
 
 def existing_folder(path: Path) -> Path:

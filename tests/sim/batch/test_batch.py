@@ -119,6 +119,15 @@ def test_contact_is_lost_and_made_elsewhere(smooth: Model) -> None:
     np.testing.assert_allclose(again.wrench[:, 2], swapped.wrench[:, 2], rtol=1e-4)
 
 
+def test_a_body_thinner_than_its_press_is_deep_comes_from_above(smooth: Model) -> None:
+    """A plate that would lie below the resting surface presses like a block of its outline."""
+    thin = mesh_indenter(_CORNERS * [1.0, 1.0, 0.3], np.array(_FACES, dtype=np.int32), name="thin")
+    batch = Batch(smooth, [thin, BLOCK], [0, 1])
+    found = batch.step(np.array([_pose(0.0, 0.0, 1.0e-3)] * 2))
+    assert found.valid.all()
+    np.testing.assert_allclose(found.wrench[0, 2], found.wrench[1, 2], rtol=0.05)
+
+
 def test_a_trajectory_is_its_frames_one_by_one(rough: Model) -> None:
     """Down, sideways and round, held and pushed: nobody waits, and each finds the same."""
     frames = np.arange(1, 6)
