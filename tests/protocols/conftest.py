@@ -164,15 +164,15 @@ class Laboratory:
         self.world.when(due, action)
 
 
-def _laboratory(
-    *overrides: str,
+def laboratory_of(
+    world: MockWorld,
+    *,
     expected: ExpectedPress | None = None,
-    ways: Sequence[str] = SHORT,
-    **world_arguments: Any,
+    listener: Callable[[JournalEvent], object] = lambda _: None,
 ) -> Laboratory:
-    config = load_config(overrides=[*STRICT, *ways, *overrides]).config
-    world = MockWorld(SimulatedClock(), config, **world_arguments)
-    bench, sink, abort = MockBench.on(world), KeptInMemory(), Abort(same_request_s=0.0)
+    """Put the mocks into a world, and return them with what presses and records."""
+    config, bench, sink = world.config, MockBench.on(world), KeptInMemory()
+    abort = Abort(same_request_s=0.0)
     rig = Rig(
         arm=bench.arm,
         force_sensor=bench.force_sensor,
@@ -186,8 +186,18 @@ def _laboratory(
         sink=sink,
         abort=abort,
         cycle=Cycle(rig, config, sink=sink, abort=abort, expected=expected),
-        journal=Journal(sink, world.clock, listener=lambda _: None),
+        journal=Journal(sink, world.clock, listener=listener),
     )
+
+
+def _laboratory(
+    *overrides: str,
+    expected: ExpectedPress | None = None,
+    ways: Sequence[str] = SHORT,
+    **world_arguments: Any,
+) -> Laboratory:
+    config = load_config(overrides=[*STRICT, *ways, *overrides]).config
+    return laboratory_of(MockWorld(SimulatedClock(), config, **world_arguments), expected=expected)
 
 
 @pytest.fixture(scope="session")
