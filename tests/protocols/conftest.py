@@ -17,7 +17,7 @@ from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import (
     ArmSample,
@@ -32,7 +32,7 @@ from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock.bench import MockBench, SimulatedClock
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.mock.world import MockWorld
-from tests.recorded_run import SHORT, RecordedCamera
+from tests.recorded_run import SHORT, RecordedCamera, empty_run
 
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
@@ -217,13 +217,7 @@ def make_store(tmp_path: Path) -> Iterator[Callable[..., RunStore]]:
     """Return a maker of run folders for mocks in real time: short ways, given overrides."""
 
     def make(*overrides: str) -> RunStore:
-        return RunStore.create(
-            tmp_path / "runs",
-            load_mocks(*BRISK, *overrides),
-            config_text=default_text(),
-            simulated=True,
-            versions={},
-        )
+        return empty_run(tmp_path / "runs", load_mocks(*BRISK, *overrides))
 
     with mocks_installed():
         yield make

@@ -31,4 +31,3 @@ def test_ninety_two_gels_of_a_hundred_are_enough_and_ninety_one_are_not() -> Non
     assert not gel_table({TOOLS: [right] * 91 + [wrong] * 9}).passed
     assert not gel_table({TOOLS: [_judged(off=-2.0)] * 10}).passed
     assert not gel_table({TOOLS: [right] * 9 + [_judged(caught=False)]}).passed
-    assert not gel_table({}).passed

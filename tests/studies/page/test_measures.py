@@ -20,7 +20,9 @@ RATES = {
 @pytest.mark.parametrize(("more_ms", "passed"), [(1.9, True), (-1.9, True), (2.1, False)])
 def test_the_guard_has_to_be_as_quick(more_ms, passed):
     """Within two milliseconds."""
-    assert reaction_table(Pairs((5.0 + more_ms,) * 2, (5.0,) * 2)).passed is passed
+    assert (
+        reaction_table(Pairs((5.0 + more_ms,) * 2, (5.0,) * 2), "with", "without").passed is passed
+    )
 
 
 @pytest.mark.parametrize(

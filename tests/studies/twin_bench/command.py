@@ -30,14 +30,14 @@ from tacauchy_rig.app.cli.output import (
     write_text,
 )
 from tacauchy_rig.app.twin.twin import Follows, twin_options
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
-from tests.studies.page.command import twin_reaction_table, twin_reactions
+from tests.recorded_run import empty_run
+from tests.studies.page.command import reaction_table, twin_reactions
 
 LAG_WANTED_MS = 200.0
 _PAUSE_S = 1.0  # between two frames: longer ones lie between presses
@@ -59,7 +59,7 @@ def press_with_twin(
     """Press a scene's trials on emulated devices, with a page and a twin."""
     out = f'run.output_directory="{folder}"'
     loaded = load_config(None, overrides=[out, *scene.overrides])
-    store = RunStore.create(folder, loaded, config_text=default_text(), simulated=True, versions={})
+    store = empty_run(folder, loaded)
     emulation = Emulation(
         loaded.config,
         folder=store.paths.emulation,
@@ -208,7 +208,9 @@ def twin_bench(
         complain("  the guard with a twin and without")
         pairs = twin_reactions(RUNS / "guard", GUARD_PAIRS, complain)
         facts |= {"guard_with_ms": pairs.one_ms, "guard_without_ms": pairs.other_ms}
-        tables.append(twin_reaction_table(pairs))
+        tables.append(
+            reaction_table(pairs, "with a twin and a watched page", "with the page alone")
+        )
         write()
     for table in tables:
         show_table(table)
