@@ -217,6 +217,7 @@ def test_the_defaults_suit_every_built_in_gel(sensor: str) -> None:
             ["sensor.name=digit", 'limits.max_depth="2.4 mm"'],
             "limits.max_depth: 2.4 mm is more than 80% of the gel of DIGIT, 2.5 mm high; write at",
         ),
+        (["sensor.name=digit", 'limits.max_depth="2.4 mm"'], 'write at most "2 mm"'),
         (['indenter.diameter="2 mm"'], "10 N under an indenter of 2 mm are 3.2 MPa"),
         (['indenter.diameter="2 mm"'], 'write at most "6.83 N"'),
     ],
