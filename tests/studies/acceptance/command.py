@@ -115,7 +115,7 @@ def costs_table(found: Sequence[Called], *, command: str) -> Table:
         for c in found
     ]
     took_s = sum(c.took_s for c in found)
-    everything = {
+    everything: dict[str, Cell] = {
         "command": "all",
         "took [s]": round(took_s, 1),
         "of processors [s]": round(sum(c.processor_s for c in found), 1),

@@ -225,7 +225,7 @@ class GelStudy(Study):
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return a row for each set of indenters."""
-        judged = {
+        judged: dict[tuple[str, ...], list[Any]] = {
             tools: founds([each for each in results if each.name.endswith(f": {_named(tools)}")])
             for tools in SETS
         }
