@@ -18,7 +18,7 @@ from protocols.processes.camera import mark_of
 from protocols.processes.recorder import RecordKeeper, encoded
 from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import JournalEvent
@@ -103,12 +103,21 @@ def coarse_sensor(folder: Path, times: int) -> Path:
     return path
 
 
+def empty_run(parent: Path, loaded: LoadedConfig | None = None) -> RunStore:
+    """Return an empty run folder of emulated devices, by default with the default configuration."""
+    versions = {"tacauchy-rig": "0"}
+    return RunStore.create(
+        parent,
+        loaded or load_config(),
+        config_text=default_text(),
+        simulated=True,
+        versions=versions,
+    )
+
+
 def new_run(parent: Path, *overrides: str) -> RunStore:
     """Return an empty run folder of the mock rig."""
-    loaded = load_config(overrides=[*TWO_PRESSES, *overrides])
-    return RunStore.create(
-        parent, loaded, config_text=default_text(), simulated=True, versions={"tacauchy-rig": "0"}
-    )
+    return empty_run(parent, load_config(overrides=[*TWO_PRESSES, *overrides]))
 
 
 def pressed_run(parent: Path, *overrides: str) -> RunStore:

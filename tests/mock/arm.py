@@ -201,7 +201,7 @@ class MockArm:
 
     def _sample(self, stamp_ns: int) -> ArmSample:
         world, silent = self.world, self._silent
-        pose, velocity, duration_s = world.pose, world.velocity, self._period_ns * 1e-9
+        pose, velocity, duration_s = world.reported_pose(), world.velocity, self._period_ns * 1e-9
         silent.advance(world.faults_of(Device.ROBOT).values(), velocity, duration_s=duration_s)
         return ArmSample(
             stamp_ns=stamp_ns,
@@ -212,7 +212,7 @@ class MockArm:
             safety_bits=PROTECTIVE_STOPPED if self._locked else 1,
             robot_mode=RUNNING,
             tcp_force=self._estimate.advance(
-                (0.0, 0.0, world.force_n, 0.0, 0.0, 0.0), velocity, duration_s=duration_s
+                world.felt_by_arm(duration_s=duration_s), velocity, duration_s=duration_s
             ),
         )
 

@@ -169,6 +169,15 @@ class MockWorld:
         rows, gauss = zip(self.bias, load, self.disturbance, scales, strict=True), self.random.gauss
         return vector6(b + f + d + gauss(0.0, s) for b, f, d, s in rows)
 
+    def felt_by_arm(self, *, duration_s: float) -> Vector6:
+        """Return what an arm feels now that was asked so long ago [N, N m]."""
+        del duration_s
+        return (0.0, 0.0, self.force_n, 0.0, 0.0, 0.0)
+
+    def reported_pose(self) -> Pose:
+        """Return where the arm takes its tip to be."""
+        return self.pose
+
     def _step(self) -> None:
         if self._drive is not None:
             self.velocity = self._drive(STEP_S)

@@ -17,7 +17,7 @@ from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import (
     ArmSample,
@@ -32,7 +32,7 @@ from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock.bench import MockBench, SimulatedClock
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.mock.world import MockWorld
-from tests.recorded_run import SHORT, RecordedCamera
+from tests.recorded_run import SHORT, RecordedCamera, empty_run
 
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
@@ -164,15 +164,15 @@ class Laboratory:
         self.world.when(due, action)
 
 
-def _laboratory(
-    *overrides: str,
+def laboratory_of(
+    world: MockWorld,
+    *,
     expected: ExpectedPress | None = None,
-    ways: Sequence[str] = SHORT,
-    **world_arguments: Any,
+    listener: Callable[[JournalEvent], object] = lambda _: None,
 ) -> Laboratory:
-    config = load_config(overrides=[*STRICT, *ways, *overrides]).config
-    world = MockWorld(SimulatedClock(), config, **world_arguments)
-    bench, sink, abort = MockBench.on(world), KeptInMemory(), Abort(same_request_s=0.0)
+    """Put the mocks into a world, and return them with what presses and records."""
+    config, bench, sink = world.config, MockBench.on(world), KeptInMemory()
+    abort = Abort(same_request_s=0.0)
     rig = Rig(
         arm=bench.arm,
         force_sensor=bench.force_sensor,
@@ -186,8 +186,18 @@ def _laboratory(
         sink=sink,
         abort=abort,
         cycle=Cycle(rig, config, sink=sink, abort=abort, expected=expected),
-        journal=Journal(sink, world.clock, listener=lambda _: None),
+        journal=Journal(sink, world.clock, listener=listener),
     )
+
+
+def _laboratory(
+    *overrides: str,
+    expected: ExpectedPress | None = None,
+    ways: Sequence[str] = SHORT,
+    **world_arguments: Any,
+) -> Laboratory:
+    config = load_config(overrides=[*STRICT, *ways, *overrides]).config
+    return laboratory_of(MockWorld(SimulatedClock(), config, **world_arguments), expected=expected)
 
 
 @pytest.fixture(scope="session")
@@ -207,13 +217,7 @@ def make_store(tmp_path: Path) -> Iterator[Callable[..., RunStore]]:
     """Return a maker of run folders for mocks in real time: short ways, given overrides."""
 
     def make(*overrides: str) -> RunStore:
-        return RunStore.create(
-            tmp_path / "runs",
-            load_mocks(*BRISK, *overrides),
-            config_text=default_text(),
-            simulated=True,
-            versions={},
-        )
+        return empty_run(tmp_path / "runs", load_mocks(*BRISK, *overrides))
 
     with mocks_installed():
         yield make

@@ -25,7 +25,6 @@ from reports.evidence.evidence import (
 )
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
-from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
@@ -44,6 +43,7 @@ from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
+from tests.recorded_run import empty_run
 
 HEIGHT, WIDTH = 240, 320
 PUNCH_RADIUS_PX = 39.4
@@ -406,13 +406,7 @@ def replay_of(records: list[TrialRecord]) -> Replay:
 @pytest.fixture
 def store(tmp_path: Path, made: SimpleNamespace) -> RunStore:
     """A run of six targets of which the first was pressed, and the second failed unrecorded."""
-    run = RunStore.create(
-        tmp_path,
-        load_config(),
-        config_text=default_text(),
-        simulated=True,
-        versions={"tacauchy-rig": "0"},
-    )
+    run = empty_run(tmp_path)
     path = run.paths.recording(1, 1)
     path.parent.mkdir(parents=True)
     write_recording(path, made)

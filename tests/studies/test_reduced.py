@@ -114,9 +114,10 @@ def test_residual(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_verdict(recorded: Path, tmp_path: Path) -> None:
-    """A replay that shows no contact is caught."""
-    found = study(tmp_path, "verdict", str(recorded), "--only", "no contact*")
+    """Images of no contact, of another trial, or of two trials exchanged are caught."""
+    found = study(tmp_path, "verdict", str(recorded), "--only", "no contact*", "--only", "images*")
     assert found["wrong"]["passed"]
+    assert len(found["wrong"]["rows"]) == 3
     assert len(found["true"]["rows"]) == TRIALS
 
 
@@ -129,6 +130,13 @@ def test_a_press_beside_its_place_is_caught_from_a_size_on(bench: Bench) -> None
     assert not {"contact_offset", "contact_residual"} & {*true, *near}, (true, near)
     assert "contact_offset" in far
     assert "contact_residual" in none
+
+
+def test_sweep_kills(tmp_path: Path) -> None:
+    """Killed processes and workers, a new scheduler, tasks at their walltime: no press is lost."""
+    pytest.importorskip("distributed")
+    found = study(tmp_path, "sweep-kills", "--presses", "12")
+    assert found["tables"][0]["passed"]
 
 
 def test_page(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _MODELS = list(RobotModel)
+_GREETING = b"Connected: Universal Robots Dashboard Server\n1\ntrue\n"
 
 
 @pytest.fixture
@@ -93,26 +94,10 @@ def test_nobody_there(host: str) -> None:
     [
         (b"SSH-2.0-OpenSSH_9.2\n", b"", "greets with 'SSH"),
         (b"", b"", "port 29999 .* closed the connection"),
-        (
-            b"Connected: Universal Robots Dashboard Server\n1\ntrue\n",
-            b"HTTP/1.1 400 Bad Request\r\n\r\n",
-            "port 30004 .* does not answer",
-        ),
-        (
-            b"Connected: Universal Robots Dashboard Server\n1\ntrue\n",
-            b"\x00\x00\x00\x00",
-            "is not a UR controller with RTDE",
-        ),
-        (
-            b"Connected: Universal Robots Dashboard Server\n1\ntrue\n",
-            b"\x00\x04V\x00",
-            "refuses protocol version 2",
-        ),
-        (
-            b"Connected: Universal Robots Dashboard Server\n1\ntrue\n",
-            b"\x00\x04V\x01\x00\x05v\x00\x00",
-            "is not a UR controller with RTDE",
-        ),
+        (_GREETING, b"HTTP/1.1 400 Bad Request\r\n\r\n", "port 30004 .* does not answer"),
+        (_GREETING, b"\x00\x00\x00\x00", "is not a UR controller with RTDE"),
+        (_GREETING, b"\x00\x04V\x00", "refuses protocol version 2"),
+        (_GREETING, b"\x00\x04V\x01\x00\x05v\x00\x00", "is not a UR controller with RTDE"),
     ],
 )
 def test_something_else_answers(host: str, dashboard: bytes, rtde: bytes, message: str) -> None:

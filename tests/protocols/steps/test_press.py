@@ -97,23 +97,22 @@ def test_the_gel_is_found_where_it_is(laboratory):
     assert search_contact(lab.cycle) == pytest.approx(0.2004, abs=30e-6)
 
 
-def test_a_force_of_the_wrong_sign_ends_the_search_at_the_first_threshold(laboratory):
-    """The setting is named, with the value that it should have."""
-    lab = above_the_gel(laboratory, silent_fault="sign")
-    with pytest.raises(BreachError, match="compression_sign 1: the force went to -0") as caught:
+@pytest.mark.parametrize(
+    ("silent", "told", "remedy", "most_n"),
+    [
+        ("sign", "compression_sign 1: the force went to -0", "compression_sign = -1", 0.3),
+        ("swap-axes", "N sideways and", "axes are swapped", 0.6),
+    ],
+)
+def test_a_force_of_wrong_sign_or_axis_ends_the_search_at_once(
+    laboratory, silent, told, remedy, most_n
+):
+    """The setting, or another cell's decoupling matrix, is named."""
+    lab = above_the_gel(laboratory, silent_fault=silent)
+    with pytest.raises(BreachError, match=told) as caught:
         search_contact(lab.cycle)
-    assert "compression_sign = -1" in caught.value.remedy
-    assert lab.world.force_n < 0.3
-
-
-def test_a_force_sideways_ends_the_search_and_names_the_axes(laboratory):
-    """Fx and Fz swapped, by a decoupling matrix of another cell."""
-    lab = above_the_gel(laboratory, silent_fault="swap-axes")
-    with pytest.raises(BreachError, match="N sideways and") as caught:
-        search_contact(lab.cycle)
-    assert caught.value.limit == "witness.sideways"
-    assert "axes are swapped" in caught.value.remedy
-    assert lab.world.force_n < 0.6
+    assert remedy in caught.value.remedy
+    assert lab.world.force_n < most_n
 
 
 def test_the_floor_is_the_lowest_place_where_the_gel_can_be(laboratory):

@@ -1,4 +1,4 @@
-"""Slow faults in simulated time, in small; and the runner against the whole protocol."""
+"""Slow faults of force sensor and arm in simulated time, in small."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of
-from tests.studies.force_faults.runner import Runner, config_of
+from tests.studies.force_faults.runner import press
 from tests.studies.force_faults.worlds import (
     EXPECTED,
     TRIALS,
@@ -31,7 +31,7 @@ def of(model, seed=1):
 @pytest.mark.parametrize("model", list(RobotModel))
 def test_an_honest_world_passes_and_its_errors_are_within_what_is_stated(model):
     """All six trials, on either arm."""
-    run = Runner(of(model), config_of(model)).run()
+    run = press(of(model))
     assert not run.reason
     assert len(run.passed) == TRIALS
     assert run.beyond() < 0.0
@@ -42,7 +42,7 @@ def test_an_honest_world_passes_and_its_errors_are_within_what_is_stated(model):
 def test_a_gain_that_sinks_by_a_quarter_over_the_run_leaves_no_trial_safe(model):
     """By less than the guard sees from one press to the next."""
     sinking = Fault(kind=Kind.RAMP, size=0.25, trial=1)
-    run = Runner(replace(of(model), sensor=sinking), config_of(model)).run()
+    run = press(replace(of(model), sensor=sinking))
     assert run.is_doubted
     assert not run.passed
 
@@ -51,10 +51,10 @@ def test_a_gain_that_falls_in_the_last_trial_of_a_coarse_arm_is_found_by_the_wei
     """After the dwell nothing else would tell."""
     late = Fault(kind=Kind.STEP, size=0.2, trial=6, moment=0.9)
     world = replace(of(RobotModel.CB3), sensor=late)
-    run = Runner(world, config_of(world.model)).run()
+    run = press(world)
     assert run.is_doubted
     assert run.reason.startswith("weight: ")
-    unweighed = Runner(replace(world, weighed=False), config_of(world.model)).run()
+    unweighed = press(replace(world, weighed=False))
     assert len(unweighed.passed) == TRIALS
 
 
@@ -70,37 +70,6 @@ def test_the_tables_name_what_failed():
     assert failures.rows[0][0] == bad.world.seed
     rejected = [replace(honest, passed=0)] * 2
     assert not tables_of([*rejected, *[honest] * 198])[0].passed
-
-
-@pytest.mark.slow
-def test_the_runner_presses_as_the_whole_protocol_does(laboratory):
-    """The same gel and arm, two targets: forces, depths, curves and judgement agree."""
-    world = replace(of(RobotModel.E_SERIES), tilt_share=0.3, depth_share=(0.0,) * 6, gain=1.0)
-    ours = Runner(world, config_of(world.model)).run()
-    lab = laboratory(
-        'protocol.force_targets=["1.2556 N", "1.9511 N"]',
-        'robot.home=["0 mm", "-400 mm", "206 mm"]',
-        'protocol.air_press_height="3 mm"',
-        expected=EXPECTED,
-        gel=MiniGel(
-            stiffness=world.stiffness,
-            tilt_share=world.tilt_share,
-            relaxed_fraction=world.relaxed_fraction,
-            relaxation_time_s=world.relaxation_time_s,
-        ),
-        noise_n=world.noise_n,
-        drift_n_s=world.drift_n_s,
-        motion_delay_s=world.motion_delay_s,
-        ways=(),
-    )
-    result = lab.run()
-    assert result.outcome is Outcome.PASSED, result.reason
-    for theirs, mine in zip(result.records, ours.records, strict=False):
-        assert mine.force_measured_n == pytest.approx(theirs.force_measured_n, abs=0.015)
-        assert mine.depth_measured_m == pytest.approx(theirs.depth_measured_m, abs=8e-6)
-        assert mine.arm_force_n == pytest.approx(theirs.arm_force_n, abs=0.3)
-        assert len(mine.press_depth_m) == pytest.approx(len(theirs.press_depth_m), abs=3)
-        assert {c.name for c in theirs.criteria} >= {"force_history", "force_mean"}
 
 
 def test_a_trial_that_contradicts_earlier_ones_ends_the_run_and_keeps_none_of_them(laboratory):

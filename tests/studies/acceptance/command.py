@@ -19,7 +19,7 @@ import psutil
 import typer
 
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 from tests.studies.acceptance.folder import SENSOR, Written, write_folder
 
 MOST_COMMANDS, MOST_S, MOST_SILENT_S, MOST_BYTES = 6, 600.0, 3.0, 1_000_000_000
@@ -103,34 +103,28 @@ def workflow(folder: Path, runs: Path) -> tuple[list[Called], Path]:
 
 def costs_table(found: Sequence[Called], *, command: str) -> Table:
     """Return a line a command."""
-    rows = [
-        (
-            c.name,
-            c.status,
-            round(c.took_s, 1),
-            round(c.processor_s, 1),
-            round(c.silent_s, 1),
-            round(c.most_bytes / 1e6),
-        )
+    rows: list[dict[str, Cell]] = [
+        {
+            "command": c.name,
+            "status": c.status,
+            "took [s]": round(c.took_s, 1),
+            "of processors [s]": round(c.processor_s, 1),
+            "longest silence [s]": round(c.silent_s, 1),
+            "memory [MB]": round(c.most_bytes / 1e6),
+        }
         for c in found
     ]
     took_s = sum(c.took_s for c in found)
+    everything: dict[str, Cell] = {
+        "command": "all",
+        "took [s]": round(took_s, 1),
+        "of processors [s]": round(sum(c.processor_s for c in found), 1),
+    }
     met = len(found) <= MOST_COMMANDS and took_s <= MOST_S
     met = met and all(c.silent_s <= MOST_SILENT_S for c in found)
-    return Table(
+    return table_of_rows(
+        [*rows, dict.fromkeys(rows[0], "") | everything],
         title="From a folder to the report",
-        columns=(
-            "command",
-            "status",
-            "took [s]",
-            "of processors [s]",
-            "longest silence [s]",
-            "memory [MB]",
-        ),
-        rows=(
-            *rows,
-            ("all", "", round(took_s, 1), round(sum(c.processor_s for c in found), 1), "", ""),
-        ),
         criterion=f"{MOST_COMMANDS} commands, {MOST_S:g} s, {MOST_SILENT_S:g} s of silence and "
         f"{MOST_BYTES / 1e6:g} MB at most",
         passed=met and all(c.most_bytes <= MOST_BYTES for c in found),

@@ -33,7 +33,7 @@ from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
 from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 HELD_MIN = 0.85
 """Of the worlds: 17 of 20, which a true 95 % misses once in sixty times."""
@@ -186,28 +186,26 @@ def _asked(records: Sequence[TrialRecord], stated: Stated) -> tuple[ForceAgreeme
 
 def coverage_table(worlds: Sequence[World], targets_n: Sequence[float]) -> Table:
     """Return a row for each target: how many worlds hold, and how large errors are for their u."""
-    rows, enough = [], []
+    rows, enough = list[dict[str, Cell]](), []
     for number, target_n in enumerate(targets_n):
         held = sum(world.held[number] for world in worlds)
         ratios = [world.ratios[number] for world in worlds]
         combined = [world.forces[number].combined for world in worlds]
         wide = [each.expanded_n for each in combined if each is not None]
         leading = [each.largest for each in combined if each is not None]
-        rms = math.sqrt(float(np.mean(np.square(ratios))))
         rows.append(
-            (
-                target_n,
-                f"{held} of {len(worlds)}",
-                rms,
-                float(np.mean(wide)),
-                max(set(leading), key=leading.count),
-            )
+            {
+                "target [N]": target_n,
+                "held": f"{held} of {len(worlds)}",
+                "error / u, rms": math.sqrt(float(np.mean(np.square(ratios)))),
+                "95 % [N]": float(np.mean(wide)),
+                "largest term": max(set(leading), key=leading.count),
+            }
         )
         enough.append(held >= HELD_MIN * len(worlds))
-    return Table(
+    return table_of_rows(
+        rows,
         title="How often the predicted force's 95 % interval holds",
-        columns=("target [N]", "held", "error / u, rms", "95 % [N]", "largest term"),
-        rows=tuple(rows),
         criterion=f"at every force in at least {HELD_MIN:.0%} of the worlds",
         passed=bool(worlds) and all(enough),
     )

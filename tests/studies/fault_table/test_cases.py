@@ -1,20 +1,9 @@
-"""Which cases the fault table has, and how they are chosen."""
+"""Which cases the fault table has."""
 
 from __future__ import annotations
 
-import pytest
-
 from drivers.emulators.faults import FAULTS_OF_DEVICE
-from tacauchy_rig.core.errors import ConfigError
-from tests.studies.fault_table.cases import (
-    Crowd,
-    Moment,
-    Rival,
-    Trouble,
-    Victim,
-    all_cases,
-    select_cases,
-)
+from tests.studies.fault_table.cases import Crowd, Moment, Rival, Trouble, Victim, all_cases
 
 
 def test_every_fault_and_every_process_is_there_at_every_moment():
@@ -25,12 +14,3 @@ def test_every_fault_and_every_process_is_there_at_every_moment():
     later = [case for case in cases if case.moment is not Moment.START]
     assert len(later) == (fault_count + others) * 3
     assert len({case.slug for case in cases}) == len(cases)
-
-
-def test_a_pattern_that_matches_nothing_is_refused():
-    """A misspelt pattern is no table without problems, not even beside one that matches."""
-    with pytest.raises(ConfigError, match="--only 'kill:camra': no such case") as caught:
-        select_cases(all_cases(), only=["kill:c*", "kill:camra"])
-    assert "fault-table --list" in caught.value.remedy
-    with pytest.raises(ConfigError, match="no such case at press"):
-        select_cases(all_cases(), only=["*@dwell"], moments=[Moment.PRESS])

@@ -99,20 +99,15 @@ def test_a_loss_on_the_wire_is_no_loss_of_ours():
 
 def test_every_fault_is_explained():
     """Whatever an emulator can break, and every process, has a line that says what happens."""
-    text = fault_page(
-        [replace(GOOD, name=case.name) for case in all_cases()],
-        command="x",
-        config=load_config().config,
-        case_count=len(all_cases()),
-    )
+    text = table(*(replace(GOOD, name=case.name) for case in all_cases()))
     for cause in {case.cause_name for case in all_cases()}:
         assert f"**{cause}**: " in text
 
 
-def table(seen):
-    """Return the document for one observation."""
+def table(*seen):
+    """Return the document of observations."""
     return fault_page(
-        [seen],
+        seen,
         command="python -m tests.studies fault-table",
         config=load_config().config,
         case_count=72,

@@ -13,7 +13,7 @@ from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_j
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.tables import About, Table, table_of
-from tests.studies.force_faults.runner import Runner, config_of
+from tests.studies.force_faults.runner import press
 from tests.studies.force_faults.worlds import TRIALS, Kind, Place, World, faulty_world, honest_world
 
 BEYOND = 0.1
@@ -105,7 +105,7 @@ ALIKE, HUNG = "the same in both", "the same in both, with a weight"
 def pressed(task: tuple[str, World]) -> Found:
     """Press a world."""
     group, world = task
-    run = Runner(world, config_of(world.model)).run()
+    run = press(world)
     fault = world.sensor or world.arm
     return Found(
         group=group,

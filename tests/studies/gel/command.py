@@ -37,7 +37,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
-from tacauchy_rig.core.tables import Cell, Table
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 BALL, PUNCH, LARGE = (
     "sphere:diameter=6mm",
@@ -225,19 +225,17 @@ class GelStudy(Study):
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return a row for each set of indenters."""
-        judged = {
+        judged: dict[tuple[str, ...], list[Any]] = {
             tools: founds([each for each in results if each.name.endswith(f": {_named(tools)}")])
             for tools in SETS
         }
-        return [
-            gel_table({tools: own for tools, own in judged.items() if own}),
-            *failures_table(results, kind=self.kind),
-        ]
+        known = {tools: own for tools, own in judged.items() if own}
+        return [*([gel_table(known)] if known else []), *failures_table(results, kind=self.kind)]
 
 
 def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> Table:
-    """Return a row for each set of indenters: how often what is true lies in its interval."""
-    rows, passed = list[tuple[Cell, ...]](), bool(judged)
+    """Return a row for each set of indenters, at least one: how often its intervals hold."""
+    rows, passed = list[dict[str, Cell]](), True
     for indenters, own in judged.items():
         held, closed = (np.array([each[key] for each in own]) for key in ("held", "closed"))
         left_out, written = (
@@ -258,33 +256,24 @@ def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> 
             bounded = [each["told"][k] for each in own if each["closed"][k]]
             width = [(high - low) / (1.0 if k else best) for low, best, high in bounded]
             shown.append(f"{right[k]} of {len(width)}; {np.median(width):.2g}" if width else "-")
+        young, poisson, friction = shown
+        laws = np.quantile([each["law"] for each in own], (0.0, 1.0))
         rows.append(
-            (
-                ", ".join(indenters),
-                *shown,
-                "{:+.1%} to {:+.1%}".format(
-                    *np.quantile([each["law"] for each in own], (0.0, 1.0))
-                ),
-                f"{left_out.sum()} of {left_out.size}",
-                f"{written.sum()} of {written.size}",
-                accused,
-                ", ".join(f"{name} {found}" for name, found in caught.items()),
-            )
+            {
+                "indenters": ", ".join(indenters),
+                "E held where determined; median width over E": young,
+                "nu; width": poisson,
+                "mu; width": friction,
+                "fit's force against the emulator's": "{:+.1%} to {:+.1%}".format(*laws),
+                "left out within theirs": f"{left_out.sum()} of {left_out.size}",
+                "a later press within the written file's": f"{written.sum()} of {written.size}",
+                "right data refused": accused,
+                "wrong data refused": ", ".join(f"{name} {n}" for name, n in caught.items()),
+            }
         )
-    return Table(
+    return table_of_rows(
+        rows,
         title="How often a calibration's 95 % intervals hold a drawn gel",
-        columns=(
-            "indenters",
-            "E held where determined; median width over E",
-            "nu; width",
-            "mu; width",
-            "fit's force against the emulator's",
-            "left out within theirs",
-            "a later press within the written file's",
-            "right data refused",
-            "wrong data refused",
-        ),
-        rows=tuple(rows),
         criterion=f"{HELD_MIN:.0%} of intervals, {LEFT_OUT_MIN:.0%} of forces left out and later, "
         "all wrong data refused",
         passed=passed,

@@ -11,7 +11,7 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.recording.messages import RawMessage, Topic, decode_jpeg, encode
+from tacauchy_rig.core.study import selected
 from tests.recorded_run import new_run, press_run
 from tests.studies.hostile_runs.kinds import all_kinds
 from tests.studies.tampering.copy import Care, RunCopy
@@ -159,7 +160,6 @@ def _state(folder: Path) -> dict[str, str]:
 
 def _tried(command: str, root: Path, out: Path) -> tuple[str, str]:
     """Return how a command ended, and what was wrong with that."""
-    work = _serving(root) if command == "serve" else _calling(COMMANDS[command], root, out)
     told = io.StringIO()
     try:
         with (
@@ -168,7 +168,7 @@ def _tried(command: str, root: Path, out: Path) -> tuple[str, str]:
             contextlib.redirect_stdout(told),
             contextlib.redirect_stderr(told),
         ):
-            return work()
+            return _served(root) if command == "serve" else _called(COMMANDS[command], root, out)
     except _TooLongError:
         return "too long", "it went on for too long"
     except RigError as error:
@@ -184,42 +184,34 @@ def _unprintable(error: RigError) -> str:
     return "" if all(line.isprintable() for line in lines) else f"unprintable: {error.message!r}"
 
 
-def _calling(words: Sequence[str], root: Path, out: Path) -> Callable[[], tuple[str, str]]:
+def _called(words: Sequence[str], root: Path, out: Path) -> tuple[str, str]:
     known = [word.replace("RUN", str(root)).replace("OUT", str(out)) for word in words]
-
-    def work() -> tuple[str, str]:
-        try:
-            code = app(known, standalone_mode=False)
-        except (typer.Exit, ClickException) as end:
-            code = end.exit_code
-        return f"ended with {code or 0}", ""
-
-    return work
+    try:
+        code = app(known, standalone_mode=False)
+    except (typer.Exit, ClickException) as end:
+        code = end.exit_code
+    return f"ended with {code or 0}", ""
 
 
-def _serving(root: Path) -> Callable[[], tuple[str, str]]:
+def _served(root: Path) -> tuple[str, str]:
     """Ask for every page; the run beside the hostile one has to be shown all the same."""
-
-    def work() -> tuple[str, str]:
-        wrong = []
-        with served(root.parent) as client:
-            names = (root.name, NEIGHBOUR)
-            listed = client.get("")
-            if listed.status != 200 or any(name not in listed.text for name in names):
-                wrong.append(f"the list: {listed.status}")
-            for page in (f"compare?a={names[0]}&b={names[1]}", f"health/{names[1]}"):
-                if (status := client.get(page).status) != 200:
-                    wrong.append(f"{page}: {status}")
-            report = root / "report" / "report.html"
-            # A hard link leads nowhere: the file lies in the run as much as it lies elsewhere.
-            is_shared = report.is_file() and report.stat().st_nlink > 1
-            if "secret" in client.of_run(root.name, "report/report.html").text and not is_shared:
-                wrong.append("a file from outside was served")
-            if client.of_run(NEIGHBOUR, "report/report.html").status != 200:
-                wrong.append("the other run's report is not served")
-        return "served", "; ".join(wrong)
-
-    return work
+    wrong = []
+    with served(root.parent) as client:
+        names = (root.name, NEIGHBOUR)
+        listed = client.get("")
+        if listed.status != 200 or any(name not in listed.text for name in names):
+            wrong.append(f"the list: {listed.status}")
+        for page in (f"compare?a={names[0]}&b={names[1]}", f"health/{names[1]}"):
+            if (status := client.get(page).status) != 200:
+                wrong.append(f"{page}: {status}")
+        report = root / "report" / "report.html"
+        # A hard link leads nowhere: the file lies in the run as much as it lies elsewhere.
+        is_shared = report.is_file() and report.stat().st_nlink > 1
+        if "secret" in client.of_run(root.name, "report/report.html").text and not is_shared:
+            wrong.append("a file from outside was served")
+        if client.of_run(NEIGHBOUR, "report/report.html").status != 200:
+            wrong.append("the other run's report is not served")
+    return "served", "; ".join(wrong)
 
 
 @contextlib.contextmanager
@@ -274,11 +266,9 @@ def hostile_runs(
 
     Example: python -m tests.studies hostile-runs --only 'link*'
     """
-    from fnmatch import fnmatch
-
     from tacauchy_rig.core.parallel import parallel_map
 
-    kinds = [k for k in all_kinds() if not only or any(fnmatch(k, each) for each in only)]
+    kinds = selected(list(all_kinds()), only or (), names=lambda kind: (kind,), kind="kind of run")
     seen = []
     with tempfile.TemporaryDirectory() as folder:
         look = partial(observe, run=recorded(Path(folder)), seed=seed)

@@ -182,7 +182,9 @@ def _foreign(root: Path, _outside: Path, _: Random) -> None:
     path.write_bytes(content)
 
 
-def _png(width: int, height: int) -> bytes:
+def png(width: int, height: int) -> bytes:
+    """Return a PNG that claims a size, and holds next to nothing."""
+
     def chunk(kind: bytes, data: bytes) -> bytes:
         crc = zlib.crc32(kind + data)
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", crc)
@@ -322,7 +324,7 @@ def _all() -> Iterator[tuple[str, Change]]:
         yield f"summary.json: {fields}", partial(_fields, "report/summary.json", fields)
     for topic in Topic:
         yield f"recording: {topic} of garbage", partial(_garbled, topic, b"\xff" * 40)
-    yield "recording: images of 60,000 x 60,000, PNG", partial(_bombs, _png(60_000, 60_000))
+    yield "recording: images of 60,000 x 60,000, PNG", partial(_bombs, png(60_000, 60_000))
     yield "recording: images of 60,000 x 60,000, JPEG", partial(_bombs, _jpeg(60_000, 60_000))
     yield "recording: stamps of 64 bits", _late
     yield "recording: thousands of chunks as long as the file", _chunks
@@ -340,6 +342,6 @@ def _all() -> Iterator[tuple[str, Change]]:
             path = f"{_REPLAY}/trials/01/{name}.npz"
             yield f"{name}.npz: {what}", partial(_write, path, content)
     image = f"{_REPLAY}/trials/01/image.png"
-    yield "image.png: 60,000 x 60,000", partial(_write, image, _png(60_000, 60_000))
+    yield "image.png: 60,000 x 60,000", partial(_write, image, png(60_000, 60_000))
     yield "image.png: no picture", partial(_write, image, b"\x89PNG")
-    yield "image.png: another size", partial(_write, image, _png(3, 5))
+    yield "image.png: another size", partial(_write, image, png(3, 5))

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Self
@@ -27,12 +27,13 @@ from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.twin.twin import Follows, twin_options
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import FZ, JournalEvent, Phase
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table, table_of_rows
+from tests.recorded_run import empty_run
 from tests.studies.fault_table.emulated_rig import EmulatedRig
 from tests.studies.fault_table.observation import ArmOutcome, arm_after, is_at_rest
 
@@ -134,18 +135,9 @@ class _Striker:
         self._strike(self._session)
 
 
-@contextmanager
-def watched(address: str, count: int = WATCHERS) -> Iterator[None]:
+def watched(address: str, count: int = WATCHERS) -> AbstractContextManager[None]:
     """Have a page watched by as many browsers."""
-    with _process("-m", "tests.studies.page.watcher", address, str(count)):
-        yield
-
-
-@contextmanager
-def busy_processor() -> Iterator[None]:
-    """Keep one processor busy with nothing."""
-    with _process("-c", "while True: pass"):
-        yield
+    return _process("-m", "tests.studies.page.watcher", address, str(count))
 
 
 @contextmanager
@@ -209,7 +201,7 @@ def press_button(session: Session) -> None:
 
 def stops(folder: Path, count: int, say: Say) -> Pairs:
     """Stop by button and by key in turn, with a busy processor and three pages watching."""
-    with Bench(folder) as bench, busy_processor():
+    with Bench(folder) as bench, _process("-c", "while True: pass"):
 
         def time_ms(strike: Callable[[Session], None]) -> float:
             session = bench.cut_off(strike, phase=Phase.AIR_PRESS)
@@ -288,9 +280,7 @@ def watched_run(folder: Path, *, watchers: int, trials: int) -> list[Row]:
     targets = ", ".join(f'"{force_n} N"' for force_n in forces_n)
     overrides = [f'run.output_directory="{folder}/runs"', f"protocol.force_targets=[{targets}]"]
     loaded = load_config(None, overrides=overrides)
-    store = RunStore.create(
-        folder / "runs", loaded, config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(folder / "runs", loaded)
     emulation = Emulation(loaded.config, folder=store.paths.emulation, devices=frozenset(Device))
     with emulation, ExitStack() as stack:
 
@@ -327,17 +317,8 @@ def stop_table(pairs: Pairs) -> Table:
     )
 
 
-def reaction_table(pairs: Pairs) -> Table:
-    """Return how quickly the guard reacted with a page and without."""
-    return _reactions(pairs, "with a watched page", "without a page")
-
-
-def twin_reaction_table(pairs: Pairs) -> Table:
-    """Return how quickly the guard reacted with a twin and without."""
-    return _reactions(pairs, "with a twin and a watched page", "with the page alone")
-
-
-def _reactions(pairs: Pairs, one: str, other: str) -> Table:
+def reaction_table(pairs: Pairs, one: str, other: str) -> Table:
+    """Return how quickly the guard reacted with something beside it and without."""
     more_ms, half_ms = pairs.more_ms
     return table_of_rows(
         [_row(one, pairs.one_ms), _row(other, pairs.other_ms)],
@@ -410,7 +391,8 @@ def page_check(
     say("stops by button and by key")
     tables.append(stop_table(stops(work / "stops", stop_count, say)))
     say("the guard with a page and without")
-    tables.append(reaction_table(reactions(work / "guard", pair_count, say)))
+    found = reactions(work / "guard", pair_count, say)
+    tables.append(reaction_table(found, "with a watched page", "without a page"))
     for table in tables:
         show_table(table)
     command = f"python -m tests.studies page --stops {stop_count} --pairs {pair_count}"

@@ -17,7 +17,7 @@ from tacauchy_rig.app.cli.output import JsonFile, show_table, write_json
 from tacauchy_rig.app.gel_health.comparison import Advice, GelState, PressMeasures, compare_presses
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.tables import Table, table_of_rows
 
 TARGET_N = 2.0
 STIFFER, DIMMER = 1.15, 0.8
@@ -86,37 +86,27 @@ def _seen(truth: PlantTruth, random: np.random.Generator) -> PressMeasures:
 
 def state_table(found: Sequence[Judged]) -> Table:
     """Return one line a sensor."""
-    return Table(
+    rows = [
+        {
+            "seed": each.seed,
+            "gel": "aged" if each.aged else "good",
+            "said": each.state.advice.value,
+            "modulus [%]": round(100.0 * modulus.value, 1),
+            "+- [%]": round(100.0 * modulus.uncertainty, 1),
+            "light [%]": round(100.0 * light.value, 1),
+            "image [%]": round(100.0 * image.value, 1),
+            "zero [N]": round(zero.value, 3),
+        }
+        for each in found
+        for modulus, light, image, zero in [each.state.changes]
+    ]
+    return table_of_rows(
+        rows,
         title="Good and aged gels, judged by one press beside one of before",
-        columns=(
-            "seed",
-            "gel",
-            "said",
-            "modulus [%]",
-            "+- [%]",
-            "light [%]",
-            "image [%]",
-            "zero [N]",
-        ),
-        rows=tuple(
-            (
-                each.seed,
-                "aged" if each.aged else "good",
-                each.state.advice.value,
-                *(round(100.0 * number, 1) for number in _shares(each.state)),
-                round(each.state.changes[3].value, 3),
-            )
-            for each in found
-        ),
         criterion="aged gels are to be replaced, good ones kept",
         passed=all(each.is_right for each in found),
         command="python -m tests.studies press",
     )
-
-
-def _shares(state: GelState) -> tuple[float, float, float, float]:
-    modulus, light, image, _ = state.changes
-    return modulus.value, modulus.uncertainty, light.value, image.value
 
 
 def press_check(

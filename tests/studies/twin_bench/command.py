@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,52 +30,36 @@ from tacauchy_rig.app.cli.output import (
     write_text,
 )
 from tacauchy_rig.app.twin.twin import Follows, twin_options
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
-from tests.studies.page.command import twin_reaction_table, twin_reactions
+from tests.recorded_run import empty_run
+from tests.studies.page.command import reaction_table, twin_reactions
 
 LAG_WANTED_MS = 200.0
 _PAUSE_S = 1.0  # between two frames: longer ones lie between presses
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TwinRow:
-    """What a run with a twin gave; frames are those with contact."""
+Row = dict[str, Any]
+"""What a run with a twin gave, by the table's headings; frames are those with contact."""
 
-    name: str
-    frames: int
-    rate_hz: float
-    lag_median_ms: float
-    lag_late_ms: float
-    solve_median_ms: float
-    draw_median_ms: float
-    processor_median_ms: float
-    processor_late_ms: float
-    failed: int
-    error_relative: float
-    lost_force: int
-    lost_images: int
-    outcomes: str
-    busy: float  # processes that wanted a processor at the end, over the processors there are
 
-    def keeps_up(self, rate_wanted_hz: float) -> bool:
-        """Return whether it is as quick as is wanted, and nothing was lost."""
-        quick = self.rate_hz >= rate_wanted_hz and self.lag_median_ms < LAG_WANTED_MS
-        return quick and self.lost_force == self.lost_images == 0
+def keeps_up(row: Row, rate_wanted_hz: float) -> bool:
+    """Return whether a twin is as quick as is wanted, and nothing was lost."""
+    quick = row["frames/s"] >= rate_wanted_hz and row["lag, median [ms]"] < LAG_WANTED_MS
+    return bool(quick and row["lost force"] == row["lost images"] == 0)
 
 
 def press_with_twin(
     scene: TwinScene, folder: Path, *, unit_of: Callable[[Sensor], EmulatedUnit], device: str
-) -> TwinRow:
+) -> Row:
     """Press a scene's trials on emulated devices, with a page and a twin."""
     out = f'run.output_directory="{folder}"'
     loaded = load_config(None, overrides=[out, *scene.overrides])
-    store = RunStore.create(folder, loaded, config_text=default_text(), simulated=True, versions={})
+    store = empty_run(folder, loaded)
     emulation = Emulation(
         loaded.config,
         folder=store.paths.emulation,
@@ -98,7 +82,7 @@ def press_with_twin(
 
 def row_of(
     name: str, lines: Sequence[dict[str, Any]], records: Sequence[TrialRecord], *, busy: float
-) -> TwinRow:
+) -> Row:
     """Return what a twin's lines and a run's results say."""
     pressed = [line for line in lines if line["force_n"] > 0.0]
     stamps = np.array([line["stamp_ns"] for line in pressed]) * 1e-9
@@ -107,50 +91,32 @@ def row_of(
     lags = [line["lag_ms"] for line in pressed]
     spent = [line["processor_ms"] for line in pressed]
     errors = [line["force_error_n"] / line["force_n"] for line in pressed if line["force_error_n"]]
-    return TwinRow(
-        name=name,
-        frames=len(pressed),
-        rate_hz=1.0 / float(between.mean()) if len(between) else 0.0,
-        lag_median_ms=_at(lags, 50),
-        lag_late_ms=_at(lags, 95),
-        solve_median_ms=_at([line["solve_ms"] for line in pressed], 50),
-        draw_median_ms=_at([line["draw_ms"] for line in pressed], 50),
-        processor_median_ms=_at(spent, 50),
-        processor_late_ms=_at(spent, 95),
-        failed=sum(bool(line["note"]) for line in lines),
-        error_relative=max(errors, default=float("nan")),
-        lost_force=sum(round(each.rates["force_lost_count"]) for each in records),
-        lost_images=sum(round(each.rates["image_lost_count"]) for each in records),
-        outcomes=", ".join(each.outcome.value for each in records),
-        busy=busy,
-    )
+    return {
+        "scene": name,
+        "frames": len(pressed),
+        "frames/s": 1.0 / float(between.mean()) if len(between) else 0.0,
+        "lag, median [ms]": _at(lags, 50),
+        "lag, 95 % [ms]": _at(lags, 95),
+        "processor time of a frame, median [ms]": _at(spent, 50),
+        "of it, 95 % [ms]": _at(spent, 95),
+        "failed": sum(bool(line["note"]) for line in lines),
+        "error of F_z, at most": max(errors, default=float("nan")),
+        "lost force": sum(round(each.rates["force_lost_count"]) for each in records),
+        "lost images": sum(round(each.rates["image_lost_count"]) for each in records),
+        "trials": ", ".join(each.outcome.value for each in records),
+        # Processes that wanted a processor at the end, over the processors there are.
+        "load": busy,
+    }
 
 
-def twin_table(rows: Sequence[TwinRow], *, rate_wanted_hz: float) -> Table:
+def twin_table(rows: Sequence[Row], *, rate_wanted_hz: float) -> Table:
     """Return the rates as a table."""
     return table_of_rows(
-        [
-            {
-                "scene": row.name,
-                "frames": row.frames,
-                "frames/s": row.rate_hz,
-                "lag, median [ms]": row.lag_median_ms,
-                "lag, 95 % [ms]": row.lag_late_ms,
-                "processor time of a frame, median [ms]": row.processor_median_ms,
-                "of it, 95 % [ms]": row.processor_late_ms,
-                "failed": row.failed,
-                "error of F_z, at most": row.error_relative,
-                "lost force": row.lost_force,
-                "lost images": row.lost_images,
-                "trials": row.outcomes,
-                "load": row.busy,
-            }
-            for row in rows
-        ],
+        rows,
         title="A twin beside emulated runs, with a page",
         criterion=f"at least {rate_wanted_hz:g} frames/s, median lag below {LAG_WANTED_MS:g} ms, "
         "and not one sample of force or image lost",
-        passed=all(row.keeps_up(rate_wanted_hz) for row in rows),
+        passed=all(keeps_up(row, rate_wanted_hz) for row in rows),
         note="Of frames with contact. Load: processes that wanted a processor when the run ended, "
         "the run's own included, over the processors there are; where that is far above 1, others "
         "worked on the machine, and a twin of the lowest priority has what they leave. Processor "
@@ -217,7 +183,7 @@ def twin_bench(
     only = only or []
     writable_folder(out)
     wanted = selected(SCENES, only, names=lambda scene: (scene.name,), kind="scene of the twin")
-    rows: list[TwinRow] = []
+    rows: list[Row] = []
     tables: list[Table] = []
     facts: dict[str, Any] = {"machine": machine(), "versions": versions()}
     name = "twin" if device == "cpu" else "twin_gpu"
@@ -235,14 +201,16 @@ def twin_bench(
     for scene in wanted:
         complain(f"  {scene.name}")
         rows.append(press_with_twin(scene, RUNS / "presses", unit_of=emulated_unit, device=device))
-        facts["rows"] = [asdict(row) for row in rows]
+        facts["rows"] = rows
         tables = [twin_table(rows, rate_wanted_hz=RATES_WANTED_HZ[name])]
         write()  # After every scene, so that Ctrl-C leaves what was found until then.
     if device == "cpu":  # Where images are drawn elsewhere, the guard has only less beside it.
         complain("  the guard with a twin and without")
         pairs = twin_reactions(RUNS / "guard", GUARD_PAIRS, complain)
         facts |= {"guard_with_ms": pairs.one_ms, "guard_without_ms": pairs.other_ms}
-        tables.append(twin_reaction_table(pairs))
+        tables.append(
+            reaction_table(pairs, "with a twin and a watched page", "with the page alone")
+        )
         write()
     for table in tables:
         show_table(table)

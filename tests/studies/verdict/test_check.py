@@ -1,4 +1,4 @@
-"""The smallest wrong size that is caught."""
+"""The smallest wrong size that is caught, and the page of a verdict check."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from tests.reports.conftest import run_evidence
 from tests.studies.verdict.command import (
     Finding,
     Look,
+    check_page,
     findings_of,
-    look_at,
-    missed_of,
     tasks_of,
+    true_table,
     with_measured_gel,
+    wrong_table,
 )
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WRONG_MODELS, WrongModel
 
@@ -67,36 +68,25 @@ def test_a_modulus_that_was_measured_allows_less() -> None:
         assert criterion.measured == pytest.approx(1.06 / factor)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "no contact in any image",
-        pytest.param("images of the trials shuffled", marks=pytest.mark.slow),
-        pytest.param("images of the two largest forces exchanged", marks=pytest.mark.slow),
-    ],
-)
-def test_images_of_other_forces_are_caught(name: str) -> None:
-    """Shuffled, exchanged, or of no contact: each misses the margin by name."""
-    trials = {t.index: t for t in run_evidence().trials[-2:]}
-    true = replace(run_evidence(), trials=tuple(trials.values()))
-
-    def evidence_with(images: dict[int, object]) -> object:
-        shown = [replace(t, simulated_image=images[t.index]) for t in trials.values()]
-        return replace(true, trials=tuple(shown))
-
-    bench = SimpleNamespace(
-        modulus_factor=1.0,
-        trials=sorted(trials),
-        images={i: t.simulated_image for i, t in trials.items()},
-        evidence_with=evidence_with,
-        run=SimpleNamespace(
-            attempt=lambda index: SimpleNamespace(reference=trials[index].images.reference)
-        ),
+def test_the_page_says_what_is_caught_and_what_slips_through() -> None:
+    """Sizes, criteria and reasons stand in their rows; a model without a catch misses the table."""
+    evidence = run_evidence()
+    two = replace(evidence, trials=evidence.trials[-2:])
+    gel = next(model for model in WRONG_MODELS if model.name.startswith("gel stiffer"))
+    last = WRONG_MODELS[-1]
+    passed, missed = Look(missed=(), missed_measured=(), seconds=2.0), ("modulus_factor",)
+    looks = {size: replace(passed, missed=missed if size > 25.0 else ()) for size in gel.sizes}
+    caught = Finding(model=gel, looks=looks)
+    slipped = Finding(model=last, looks={0.0: passed})
+    wrong = wrong_table([caught, slipped], uncertainty="11 %")
+    assert not wrong.passed
+    assert wrong_table([caught], uncertainty="11 %").passed
+    true = true_table([("seed 7", compare(two))])
+    assert true.passed
+    page = check_page(
+        true, wrong, command="python -m tests.studies verdict RUN", preset="fast", version="1"
     )
-    assert missed_of(compare(true)) == ()
-    assert "force_margin" in look_at((named(name), 0.0), bench=bench).missed  # type: ignore[arg-type]
-
-
-def named(name: str) -> WrongModel:
-    """Return a wrong model by its name."""
-    return next(model for model in WRONG_MODELS if model.name == name)
+    row = next(line for line in page.splitlines() if line.startswith(f"| {gel.name}"))
+    assert "| 10 % | not caught | 28.3 % | modulus factor | 20 % | none |" in row
+    assert "states the modulus to 11 %" in row
+    assert "| seed 7 |" in page

@@ -11,10 +11,9 @@ import pytest
 from protocols.guard.abort import Abort
 from protocols.processes.messages import PageOptions
 from protocols.processes.supervisor import run_session
-from tacauchy_rig.core.config.load import default_text
-from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.protocols.conftest import BRISK
+from tests.recorded_run import empty_run
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 WAIT_S = 60.0
@@ -32,9 +31,7 @@ class Running:
 
     def __init__(self, folder, *overrides):
         loaded = load_mocks(*BRISK, *overrides)
-        self.store = RunStore.create(
-            folder, loaded, config_text=default_text(), simulated=True, versions={}
-        )
+        self.store = empty_run(folder, loaded)
         self.abort, self.events, self.result = Abort(), [], None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

@@ -19,7 +19,6 @@ from sim.studies.hard_cases.invariants import (
     ENERGY_ROUNDING,
     FORCE_ROUNDING,
     gives_nothing_back,
-    no_contact,
     random_start,
     repeatable,
     slide_and_return,
@@ -39,8 +38,8 @@ def result(number: str, **measured: Any) -> Result:
     return Result(name=NAMES[number], shows="it ends", found=found, wall_s=2.4)
 
 
-# Tests of the references and of verification have the presses of 3 and 5, and other tests of this
-# folder the rest.
+# Tests of verification have the presses of 3 and 5, those of the command line 14, and other tests
+# of this folder the rest.
 _ELSEWHERE = ("2", "3", "5", "14", "16", "19")
 
 # Kernels in single precision (13) end in NaN on some processors, and meet the criterion on others.
@@ -149,14 +148,6 @@ def test_single_precision_source_has_no_double_left() -> None:
     source = "x: wp.array(dtype=wp.vec3d) = wp.mat33d(wp.float64(0.0)); np.float64; wp.array2d"
     single = "x: wp.array(dtype=wp.vec3f) = wp.mat33f(wp.float32(0.0)); np.float64; wp.array2d"
     assert in_single_precision(source) == single
-
-
-def test_no_contact_is_exactly_nothing() -> None:
-    """Case 14."""
-    outcome = no_contact()
-    assert outcome.passed
-    assert outcome.measured["force_max_n"] == 0.0
-    assert outcome.measured["iterations_before_touch"] == 0
 
 
 def test_the_same_press_gives_the_same_force() -> None:

@@ -15,9 +15,9 @@ from tacauchy_rig.app.calibration.latency import (
     find_latency,
     trigger_missed,
 )
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 
 RELAXATION_S = (0.3, 3.0)
 ARM_S = np.arange(0.0, 12.0, 0.008)
@@ -129,9 +129,7 @@ def test_a_declared_trigger_is_believed_where_it_keeps_its_word(mode, image_s, t
 
 def test_a_run_that_did_not_sway_is_refused(tmp_path):
     """The remedy names the command that makes one."""
-    store = RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path)
     store.paths.journal.write_bytes(b"")
     with pytest.raises(RecordError, match="swayed") as caught:
         find_latency(store)

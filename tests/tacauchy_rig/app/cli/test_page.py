@@ -17,9 +17,9 @@ from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.session import Request
 from tacauchy_rig.app.cli.watching import contact_outline, told_of_errors, viewers_of
 from tacauchy_rig.app.viewers import options
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,7 @@ def test_the_outline_lies_where_the_sensors_file_says():
 @pytest.mark.parametrize("option", ["page", "foxglove"])
 def test_a_taken_port_is_told_before_anything_starts(tmp_path: Path, option: str) -> None:
     """By the option that asked for it."""
-    store = RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

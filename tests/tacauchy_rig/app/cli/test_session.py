@@ -23,12 +23,13 @@ from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.emulation import begin_calibration
 from tacauchy_rig.app.cli.progress import ask_for_weight, confirm
 from tacauchy_rig.app.session.record import ForceCheckError, missed_lines
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError
 from tacauchy_rig.core.force_check import Weight, parse_weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.test_force_history import weighed
 
 RATE = Criterion(
@@ -65,9 +66,7 @@ def test_the_program_tells_it_and_ends_with_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Standard error holds the lines and what to do next; the exit code is 1."""
-    store = RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path)
     result = SessionResult(
         outcome=Outcome.FAILED,
         records=(MISSED,),
@@ -107,9 +106,7 @@ def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_t
 ) -> None:
     """A coarse arm, the weight of the kept check; an input that ends and a wrong cell are told."""
     loaded = load_config(overrides=['robot.model="cb3"'])
-    store = RunStore.create(
-        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path, loaded)
     hung: list[str] = []
 
     def hang(_store: object, _config: object, weight: Weight, _emulation: object) -> None:
@@ -167,22 +164,6 @@ runner = CliRunner()
 def refuse(*arguments: str) -> None:
     """Run the command; its error comes out."""
     runner.invoke(app, list(arguments), catch_exceptions=False)
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ("replay.preset=finest", r"replay\.preset: 'finest' is no preset"),
-        ("sensor.name=gelsight-maxi", "gelsight-maxi"),
-    ],
-)
-def test_what_no_replay_is_made_with_is_refused_before_the_presses(
-    tmp_path: Path, setting: str, message: str
-) -> None:
-    """Six presses are not made for a replay that cannot start."""
-    with pytest.raises(ConfigError, match=message):
-        refuse("dry-run", "--set", setting, "--set", f"run.output_directory={tmp_path}")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no calibration"])

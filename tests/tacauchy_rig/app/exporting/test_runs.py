@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Reader
 from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
@@ -29,6 +29,7 @@ from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.store.test_force_series import weigh
 
 LOSS = 2.0  # grey levels that the codec takes, on average
@@ -172,9 +173,7 @@ TARE = Tare(
 def store(tmp_path: Path, samples: Any) -> RunStore:
     """Return a run whose trial 1 was cut off once and passed then."""
     loaded = load_config(overrides=["force_sensor.compression_sign=-1"])
-    store = RunStore.create(
-        tmp_path / "runs", loaded, config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path / "runs", loaded)
     for attempt in (1, 2):
         with RecordingWriter(store.paths.recording(1, attempt), metadata={}) as writer:
             samples.write(writer, 5)
@@ -275,9 +274,7 @@ def test_nothing_is_overwritten(store: RunStore, tmp_path: Path) -> None:
 
 def test_a_run_without_recordings(tmp_path: Path) -> None:
     """A run that never pressed has nothing to export, and the remedy is to press."""
-    store = RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path)
     with pytest.raises(RecordError, match="holds no recording to export") as caught:
         export(store.paths.root, tmp_path / "out", Format.CSV)
     assert "tacauchy-rig resume" in caught.value.remedy

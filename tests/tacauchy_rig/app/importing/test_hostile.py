@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import struct
 import zipfile
 import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +17,23 @@ import pytest
 
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RigError
+from tests.studies.hostile_runs.kinds import png
 from tests.tacauchy_rig.app.importing.conftest import make_small
 from tests.tacauchy_rig.app.importing.sources import make_lerobot, make_records, record
 
 ROWS = "image,fz,depth\npress.png,{},0.25\n"
 
 
-def _toml(old: str, new: str) -> Callable[[Path], None]:
+def _text(name: str, old: str, new: str) -> Callable[[Path], None]:
     def harm(folder: Path) -> None:
-        path = folder / "import.toml"
+        path = folder / name
         assert old in path.read_text()
         path.write_text(path.read_text().replace(old, new))
 
     return harm
+
+
+_toml, _info = partial(_text, "import.toml"), partial(_text, "meta/info.json")
 
 
 def _rows(text: str) -> Callable[[Path], None]:
@@ -50,19 +54,6 @@ def _link_out(folder: Path) -> None:
 def _pipe(folder: Path) -> None:
     (folder / "press.png").unlink()
     os.mkfifo(folder / "press.png")
-
-
-def _vast_png(folder: Path) -> None:
-    """A PNG of 60 bytes that claims 100,000 x 100,000 px."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
-    (folder / "press.png").write_bytes(data)
 
 
 def _cut_png(folder: Path) -> None:
@@ -118,15 +109,6 @@ def _with(column: str, value: Any) -> Callable[[pa.Table], pa.Table]:
     return change
 
 
-def _info(old: str, new: str) -> Callable[[Path], None]:
-    def harm(folder: Path) -> None:
-        path = folder / "meta/info.json"
-        assert old in path.read_text()
-        path.write_text(path.read_text().replace(old, new))
-
-    return harm
-
-
 def _wide_foot(folder: Path) -> None:
     """More rows than any recording has: zeros, packed to a few kilobytes."""
     rows = 2_100_000
@@ -177,7 +159,10 @@ CASES: dict[str, Harm] = {
     "an image that is empty": (_bytes("press.png", b""), "0 bytes"),
     "an image that is a script": (_bytes("press.png", b"#!/bin/sh\ntouch x\n"), "no whole JPEG"),
     "an image that is cut off": (_cut_png, "press.png"),
-    "an image that claims to be vast": (_vast_png, "decompression bomb"),
+    "an image that claims to be vast": (
+        _bytes("press.png", png(100_000, 100_000)),
+        "decompression bomb",
+    ),
     "no row": (_rows("image,fz,depth\n"), "no row below its head line"),
     "a short row": (_rows("image,fz,depth\npress.png,1\n"), "line 2"),
     "a column twice": (_rows("image,fz,fz,depth\npress.png,1,1,1\n"), "twice"),

@@ -100,6 +100,30 @@ def _cells(folder: Folder, column: int, of: Callable[[float], str]) -> None:
         row[column] = of(float(row[column]))
 
 
+def _scaled(column: int, factor: float, *told: str, **spec: str) -> Callable[[Folder], None]:
+    def change(folder: Folder) -> None:
+        _cells(folder, column, lambda v: repr(v * factor))
+        folder.spec |= spec
+        folder.told = told
+
+    return change
+
+
+SCALED = {
+    "grams, which are a mass": _scaled(
+        1, 1 / 9.80665e-3, "data.columns.force.unit", "gf", force="g"
+    ),
+    "compression is negative": _scaled(1, -1.0, "forces are negative", "compression_sign = -1"),
+    "and it is said": _scaled(1, -1.0, force_sign=", sign = -1"),
+    "depths are negative": _scaled(2, -1.0, "depths are negative", "data.columns.depth.sign = -1"),
+    "metres for millimetres": _scaled(2, 1e-3, "um deep", "m where mm", "data.columns.depth.unit"),
+    "micrometres for millimetres": _scaled(
+        2, 1e3, "the gel is 4 mm high", "um where mm", "data.columns.depth.unit"
+    ),
+}
+"""A column in another unit or sign than is stated, and what is told of it."""
+
+
 def comma(value: float, digits: int = 4) -> str:
     """Return a number with a decimal comma."""
     return f"{value:.{digits}f}".replace(".", ",")
@@ -135,13 +159,6 @@ def gram_force(folder: Folder) -> None:
     ]
     folder.spec["force"] = unit
     _cells(folder, 1, lambda v: repr(v / newton))
-
-
-def grams(folder: Folder) -> None:
-    """Grams are a mass: it is asked."""
-    folder.spec["force"] = "g"
-    _cells(folder, 1, lambda v: repr(v / 9.80665e-3))
-    folder.told = ("data.columns.force.unit", "gf")
 
 
 def iso_times(folder: Folder) -> None:
@@ -182,24 +199,6 @@ def unknown_first(folder: Folder) -> None:
     folder.rows[1][2] = ("nan", "NaN", "", "N/A")[folder.random.integers(4)]
 
 
-def negative_force(folder: Folder) -> None:
-    """Compression is negative: the key that declares it is named."""
-    _cells(folder, 1, lambda v: repr(-v))
-    folder.told = ("all", "forces are negative", "compression_sign = -1")
-
-
-def negative_declared(folder: Folder) -> None:
-    """Compression is negative, and it is said."""
-    _cells(folder, 1, lambda v: repr(-v))
-    folder.spec["force_sign"] = ", sign = -1"
-
-
-def negative_depth(folder: Folder) -> None:
-    """Depths are negative."""
-    _cells(folder, 2, lambda v: repr(-v))
-    folder.told = ("depths are negative", "data.columns.depth.sign = -1")
-
-
 def one_negative(folder: Folder) -> None:
     """One press pulls: it is named, not the convention."""
     k = int(folder.random.integers(1, len(folder.rows)))
@@ -212,18 +211,6 @@ def millinewtons(folder: Folder) -> None:
     unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
     _cells(folder, 1, lambda v: repr(v * factor))
     folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
-
-
-def metres(folder: Folder) -> None:
-    """Depths in metres where millimetres are stated."""
-    _cells(folder, 2, lambda v: repr(v / 1e3))
-    folder.told = ("um deep", "m where mm", "data.columns.depth.unit")
-
-
-def micrometres(folder: Folder) -> None:
-    """Depths in micrometres where millimetres are stated."""
-    _cells(folder, 2, lambda v: repr(v * 1e3))
-    folder.told = ("the gel is 4 mm high", "um where mm", "data.columns.depth.unit")
 
 
 def beyond(folder: Folder) -> None:
@@ -324,38 +311,12 @@ def own_words(folder: Folder) -> None:
     folder.told = ("line 3", '"tool"', "'zyl5'", "[data.indenters]")
 
 
-KINDS: dict[str, Callable[[Folder], None]] = {
-    each.__name__: each
-    for each in (
-        spreadsheet,
-        tabs,
-        quoted,
-        gram_force,
-        grams,
-        iso_times,
-        blank_lines,
-        several,
-        backslashes,
-        unknown_first,
-        negative_force,
-        negative_declared,
-        negative_depth,
-        one_negative,
-        millinewtons,
-        metres,
-        micrometres,
-        beyond,
-        labelled_coarse,
-        labelled,
-        exif,
-        portrait,
-        squeezed,
-        small_images,
-        damaged,
-        rest_is_press,
-        own_words,
-    )
+KINDS: dict[str, Callable[[Folder], None]] = SCALED | {
+    name: each
+    for name, each in tuple(globals().items())
+    if getattr(each, "__annotations__", None) == {"folder": "Folder", "return": "None"}
 }
+"""Every function above that changes a folder and needs no more than that."""
 
 
 @pytest.mark.parametrize("kind", KINDS)

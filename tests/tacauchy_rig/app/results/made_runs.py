@@ -19,9 +19,8 @@ from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.gel_health.comparison import GelState, PressMeasures, compare_presses
 from tacauchy_rig.app.results.runs import Health
 from tacauchy_rig.app.results.server import ResultsServer
-from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.run import Outcome, TrialRecord
-from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 
 TOKEN = "first-part-of-the-path"  # noqa: S105 - of a server that lives for a test
 VERDICT = "Passed: <b>six</b> presses"
@@ -30,9 +29,7 @@ NAMES = "20261101-first", "20261102-second", "20261103-aborted", "20261104-damag
 
 def made_run(root: Path, name: str, *, force_n: float, outcome: Outcome = Outcome.PASSED) -> Path:
     """Make a run of one press that came to a force, without recordings."""
-    store = RunStore.create(
-        root, load_config(), config_text=default_text(), simulated=True, versions={"x": "1"}
-    )
+    store = empty_run(root)
     record = TrialRecord(
         index=1, attempt=1, outcome=outcome, force_target_n=1.26, force_measured_n=force_n
     )

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from tacauchy_rig.app.results.runs import ListedRun, differing, find_runs, folder_of_runs
-from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 from tests.tacauchy_rig.app.results.made_runs import NAMES, TOKEN, Client, served
 from tests.tacauchy_rig.core.store.test_force_series import keep, weigh
 from tests.tacauchy_rig.core.test_force_history import RIGHT, pressed
@@ -232,9 +231,7 @@ def test_where_no_run_lies_the_remedy_is_told(runs: Path, name: str, word: str) 
 
 def test_presses_of_a_sensor_that_was_wrong_afterwards_are_not_counted(tmp_path: Path) -> None:
     """They passed, and are to be pressed again."""
-    store = RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    store = empty_run(tmp_path)
     keep(store, *pressed(RIGHT))
     assert find_runs(tmp_path)[0].passed_count == 6
     weigh(store, 0.8)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 
 
 @pytest.fixture
@@ -17,8 +18,6 @@ def new_store(tmp_path: Path) -> Callable[..., RunStore]:
 
     def make(*overrides: str) -> RunStore:
         loaded = load_config(overrides=list(overrides))
-        return RunStore.create(
-            tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
-        )
+        return empty_run(tmp_path, loaded)
 
     return make

@@ -210,21 +210,20 @@ def test_the_defaults_suit_every_built_in_gel(sensor: str) -> None:
     assert "mm high" in check_gel(load_config(overrides=[f"sensor.name={sensor}"]).config)
 
 
-def test_a_depth_through_the_gel_is_refused() -> None:
-    """The gel's height and what may be written are named."""
-    config = load_config(overrides=["sensor.name=digit", 'limits.max_depth="2.4 mm"']).config
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (
+            ["sensor.name=digit", 'limits.max_depth="2.4 mm"'],
+            "limits.max_depth: 2.4 mm is more than 80% of the gel of DIGIT, 2.5 mm high; write at",
+        ),
+        (["sensor.name=digit", 'limits.max_depth="2.4 mm"'], 'write at most "2 mm"'),
+        (['indenter.diameter="2 mm"'], "10 N under an indenter of 2 mm are 3.2 MPa"),
+        (['indenter.diameter="2 mm"'], 'write at most "6.83 N"'),
+    ],
+)
+def test_what_goes_through_or_tears_the_gel_is_refused(overrides: list[str], told: str) -> None:
+    """What may be written is named; a thin indenter turns a small force into a large pressure."""
     with pytest.raises(ConfigError) as caught:
-        check_gel(config)
-    assert caught.value.message == (
-        "limits.max_depth: 2.4 mm is more than 80% of the gel of DIGIT, 2.5 mm high; write at "
-        'most "2 mm"'
-    )
-
-
-def test_a_force_that_tears_the_gel_is_refused() -> None:
-    """A thin indenter turns a small force into a large pressure."""
-    config = load_config(overrides=['indenter.diameter="2 mm"']).config
-    with pytest.raises(ConfigError) as caught:
-        check_gel(config)
-    assert "10 N under an indenter of 2 mm are 3.2 MPa" in caught.value.message
-    assert 'write at most "6.83 N"' in caught.value.message
+        check_gel(load_config(overrides=overrides).config)
+    assert told in caught.value.message

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from importlib import resources
@@ -21,7 +19,7 @@ import pytest
 from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
-from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes, Work
+from tacauchy_rig.app.sweep.engines import Folder, InterruptedSweepError, Processes, Work
 from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
 from tacauchy_rig.app.sweep.shards import Made, Shard, _columns, lists
 from tacauchy_rig.core.errors import ConfigError, RecordError
@@ -136,12 +134,6 @@ def work(shard: Shard, device: str) -> Made:
     return EXPECTED[shard.name]
 
 
-def slow_work(shard: Shard, device: str) -> Made:
-    """Take half a second."""
-    time.sleep(0.5)
-    return work(shard, device)
-
-
 def _folder(tmp_path: Path) -> Folder:
     return Folder(tmp_path / "claims", lambda name: (tmp_path / name).exists())
 
@@ -193,42 +185,6 @@ def test_a_task_finishes_its_shard_when_its_end_is_announced(tmp_path: Path) -> 
     with pytest.raises(InterruptedSweepError):
         next(made)
     assert _write(tmp_path, _folder(tmp_path)(work, SHARDS)) == len(SHARDS) - 1
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_dask_survives_the_death_of_a_worker(tmp_path: Path) -> None:
-    """Dask survives the death of a worker."""
-    pytest.importorskip("distributed")
-    environment = os.environ | {"PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"}
-
-    def start(*words: str) -> subprocess.Popen[bytes]:
-        with (tmp_path / "log").open("ab") as log:
-            command = [sys.executable, "-m", "distributed.cli." + words[0], *words[1:]]
-            return subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-
-    file = tmp_path / "scheduler.json"
-    running = [
-        start("dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    ]
-    try:
-        while not file.exists():
-            time.sleep(0.1)
-        address = json.loads(file.read_text())["address"]
-        running += [
-            start("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-            for _ in range(2)
-        ]
-        made = {}
-        for shard, content in Dask(address)(slow_work, SHARDS):
-            made[shard.name] = content
-            if len(made) == 1:
-                running[1].kill()
-        assert made == EXPECTED
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
 
 
 _PLAN = """
@@ -418,43 +374,3 @@ def test_a_full_disk_stops_before_the_first_press(swept: tuple[Plan, Path], tmp_
     with full, pytest.raises(RecordError, match="0 MB free"):
         run.sweep(swept[0], rows_of(swept[0]), tmp_path, engine)
     assert engine.pressed == 0
-
-
-class StandIn:
-    """Stands for ``sbatch``: runs a script's tasks, ends them at their time, rejects one."""
-
-    def __init__(self, folder: Path, script: Path) -> None:
-        self.script, self.queue = script, folder / "requeued"
-        (folder / "bin").mkdir()
-        scontrol = folder / "bin" / "scontrol"
-        scontrol.write_text(f'#!/bin/sh\necho "$2" >> {self.queue}\n')
-        scontrol.chmod(0o755)
-        path = f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
-        self.environment = os.environ | {"PATH": path, "SLURM_ARRAY_JOB_ID": "7"}
-
-    def start(self, task: int) -> subprocess.Popen[bytes]:
-        """Start a task that was not rejected."""
-        environment = self.environment | {"SLURM_ARRAY_TASK_ID": str(task)}
-        return subprocess.Popen(["bash", str(self.script)], env=environment)
-
-
-@pytest.mark.slow
-def test_tasks_of_a_cluster_end_at_their_time_and_are_requeued(
-    swept: tuple[Plan, Path], tmp_path: Path
-) -> None:
-    """The first ends after a shard, the second never begins; the first does the rest later."""
-    out, plan_file = tmp_path / "out", swept[1].parent / "plan.toml"
-    command = [sys.executable, "-m", "tacauchy_rig.app.cli.app", "sweep", str(plan_file)]
-    subprocess.run([*command, "--out", str(out), "--slurm", "2"], check=True)
-    cluster = StandIn(tmp_path, out / "sweep.sbatch")
-    assert "--array=0-1%2" in cluster.script.read_text()
-    first = cluster.start(0)
-    while not list(out.glob("shards/*.parquet")) and first.poll() is None:
-        time.sleep(0.05)
-    first.send_signal(signal.SIGUSR1)
-    assert first.wait(60) == 75
-    made = {file.name: file.stat().st_mtime_ns for file in (out / "shards").iterdir()}
-    assert cluster.queue.read_text() == "7_0\n"
-    assert cluster.start(0).wait(60) == 0
-    assert {name: (out / "shards" / name).stat().st_mtime_ns for name in made} == made
-    assert _bytes(out) == _bytes(swept[1])

@@ -247,7 +247,6 @@ def test_each_of_the_devices_fields_is_one(field: str) -> None:
     assert name in RigConfig.model_fields[table].annotation.model_fields
 
 
-WRITTEN = load_config().written
 ARM = {"robot.driver": "ur5", "robot.host": "192.0.2.1"}
 CELL = {"force_sensor.driver": "m3733c", "force_sensor.port": "/dev/ttyUSB0"}
 SHEET = {"force_sensor.capacity": "50 N", "force_sensor.calibration_sheet": "no. 7"}
@@ -276,7 +275,7 @@ def test_a_real_arm_takes_no_place_from_the_dry_run() -> None:
 @pytest.mark.parametrize("left_out", ARM_REQUIRES)
 def test_each_value_of_an_arm_is_asked_for(left_out: str) -> None:
     """One that is left out is refused although its built-in value would do."""
-    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != left_out}
+    given = {field: BEGUN[field] for field in ARM_REQUIRES if field != left_out}
     assert refused({**ARM, **given}) == [left_out]
 
 
@@ -284,7 +283,7 @@ def test_values_from_file_and_command_line_are_the_users_own(tmp_path: Path) -> 
     """Equal to the built-in ones or not: somebody wrote them."""
     path = tmp_path / "rig.toml"
     path.write_text('[robot]\npayload = "0.4 kg"\n')
-    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != "robot.payload"}
+    given = {field: BEGUN[field] for field in ARM_REQUIRES if field != "robot.payload"}
     loaded = load_config(path, overrides=overrides({**ARM, **given}))
     assert loaded.config.moves_real_hardware
 

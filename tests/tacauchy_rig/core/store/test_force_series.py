@@ -8,22 +8,20 @@ from pathlib import Path
 import pytest
 
 from protocols.processes.supervisor import plan_session
-from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.force_history import FORCE_HISTORY
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.codec import to_json
 from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.test_force_history import RIGHT, falling, pressed, weighed
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> RunStore:
     """Return a new run's folder."""
-    return RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    return empty_run(tmp_path)
 
 
 def keep(store: RunStore, *records: TrialRecord) -> None:

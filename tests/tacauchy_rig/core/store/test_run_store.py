@@ -25,17 +25,12 @@ from tacauchy_rig.core.store.durable import bytes_sha256
 from tacauchy_rig.core.store.journal import Journal, append_event, read_journal
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
+from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.store.made_replay import made_trial
 
 
 def _create(parent: Path, *overrides: str) -> RunStore:
-    return RunStore.create(
-        parent,
-        load_config(overrides=overrides),
-        config_text=default_text(),
-        simulated=True,
-        versions={"tacauchy-rig": "0.1.0"},
-    )
+    return empty_run(parent, load_config(overrides=overrides))
 
 
 @pytest.fixture
@@ -63,7 +58,7 @@ def test_a_run_is_opened_as_it_was_created(tmp_path: Path) -> None:
     assert opened.simulated
     description = opened.description
     assert description["seed"] == 11
-    assert description["versions"] == {"tacauchy-rig": "0.1.0"}
+    assert description["versions"] == {"tacauchy-rig": "0"}
     assert description["sources"]["robot.press_speed"] == "--set"
     assert description["clock"]["epoch_ns"] > description["clock"]["monotonic_ns"] > 0
     assert created.paths.rig_toml.read_text() == default_text()
