@@ -219,6 +219,11 @@ def psnr_of_mean_mse(mse_values: Sequence[float]) -> float:
     return psnr_of(float(np.mean(finite))) if finite else math.nan
 
 
+def finite(value: float) -> float | None:
+    """Return a value; None for one that is infinite or no number."""
+    return value if math.isfinite(value) else None
+
+
 def check_image_pair(first: ImageArray, second: ImageArray) -> None:
     """Check that two 8-bit images, grey or RGB, can be compared pixel by pixel.
 
