@@ -74,6 +74,9 @@ class AttemptReading:
         self.record = record
         self.recording = store.recording(record.index, record.attempt)
         self.geometry = geometry
+        # How much later than the arm's state of the same moment its samples are stamped.
+        self._force_late_ns = round(store.config.force_sensor.delay * 1e9)
+        self._camera_late_ns = round(store.config.camera.delay * 1e9)
 
     @property
     def force(self) -> ForceArrays:
@@ -183,16 +186,6 @@ class AttemptReading:
             summarize_stream("arm", self.arm.stamp_ns),
         )
         return tuple(stream for stream in found if stream is not None)
-
-    @property
-    def _force_late_ns(self) -> int:
-        """How much later than the arm's state of the same moment a force sample is stamped."""
-        return round(self.store.config.force_sensor.delay * 1e9)
-
-    @property
-    def _camera_late_ns(self) -> int:
-        """How much later than the arm's state of the same moment a frame is stamped."""
-        return round(self.store.config.camera.delay * 1e9)
 
     def _frames(
         self, start_ns: int | None, end_ns: int | None, *, late_ns: int

@@ -66,7 +66,7 @@ UNMENDABLE = (Cause.NOISE, Cause.REST)
 """Of which nobody knows what to do about them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Mode:
     """What one unknown does to the images."""
 
