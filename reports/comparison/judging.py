@@ -310,11 +310,11 @@ def _floors(evidence: RunEvidence) -> tuple[Reference, ...]:
 
 def _ceiling(evidence: RunEvidence) -> Reference | None:
     """Return what a repeat of each press scores, or else the two halves of its dwell."""
-    found = {
-        trial.index: trial_ceiling(trial, [t for t in evidence.trials if t.index != trial.index])
+    ceilings = [
+        ceiling
         for trial in evidence.trials
-    }
-    ceilings = [ceiling for ceiling in found.values() if ceiling is not None]
+        if (ceiling := trial_ceiling(trial, [t for t in evidence.trials if t is not trial]))
+    ]
     if not ceilings:
         return None
     halves = [

@@ -22,7 +22,7 @@ from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
-from tacauchy_rig.core.store.force_series import ForceSeries, force_series
+from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
@@ -65,7 +65,11 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
             if replay is not None and index in replayed
             else None,
             kind=0 if replay is None else replay.models.index(model_of(replay.models, index)),
-            checks=(*_checks(check, index, record), *seen[index][1], *_doubts(series, record)),
+            checks=(
+                *_checks(check, index, record),
+                *seen[index][1],
+                *filter(None, [series.criterion(index, 0 if record is None else record.attempt)]),
+            ),
             place_known=index not in store.imported_trials
             or store.imported_trials[index].place_m is not None,
             **seen[index][0],
@@ -103,12 +107,6 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
         else b"",
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
-
-
-def _doubts(series: ForceSeries, record: TrialRecord | None) -> Iterator[Criterion]:
-    doubt = None if record is None else series.criterion(record.index, record.attempt)
-    if doubt is not None:
-        yield doubt
 
 
 def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stated]:

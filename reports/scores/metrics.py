@@ -138,7 +138,7 @@ def histogram_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -
         ]
         for channel in range(first.shape[2] if first.ndim == 3 else 1)
     ]
-    return float(np.mean([cv2.compareHist(*pair, cv2.HISTCMP_CORREL) for pair in pairs]))
+    return float(np.mean([cv2.compareHist(one, other, cv2.HISTCMP_CORREL) for one, other in pairs]))
 
 
 def mean_squared_error(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:

@@ -299,12 +299,7 @@ def replay_run(
     check_optics(config, sensor, given)
     measured_records(run)  # refuses a run without any, before anything is simulated
     parts = [part for part in parts if part.records]
-    are_many, told = len(parts) > 1, set[str]()
-
-    def say_once(text: str) -> None:
-        if text not in told:
-            told.add(text)
-            on_progress(text)
+    are_many, say_once = len(parts) > 1, cache(on_progress)
 
     @cache
     def optics() -> OpticalCalibration:
