@@ -42,7 +42,15 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.force_agreement import Scatter, compare_force, scatter_between
-from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
+from reports.scores.metrics import (
+    ImageScores,
+    MeanInterval,
+    Metric,
+    finite,
+    psnr_of_mean_mse,
+    score,
+    t_interval,
+)
 from tacauchy_rig.core.rgb import to_grey
 from tacauchy_rig.core.run import FZ
 
@@ -215,10 +223,10 @@ def _statistics(trials: Sequence[TrialResult], evidence: RunEvidence) -> RunStat
     pressed = {t.index for t in trials if t.outcome != "missing"}
     keys = [t.press_key for t in evidence.trials if t.index in pressed]
     return RunStatistics(
-        metrics={m.value: t_interval([s.value(m) for s in scores]) for m in Metric},
-        no_contact={m.value: t_interval([s.value(m) for s in floors]) for m in Metric},
-        psnr_of_mean_mse_db=_finite(psnr_of_mean_mse([s.mse for s in scores])),
-        psnr_of_mean_mse_no_contact_db=_finite(psnr_of_mean_mse([s.mse for s in floors])),
+        metrics=image_means(scores),
+        no_contact=image_means(floors),
+        psnr_of_mean_mse_db=finite(psnr_of_mean_mse([s.mse for s in scores])),
+        psnr_of_mean_mse_no_contact_db=finite(psnr_of_mean_mse([s.mse for s in floors])),
         force_mismatch_n=t_interval(_known(t.force_mismatch_n for t in trials)),
         prediction_error_relative=t_interval(
             _known(t.force.prediction_error_relative for t in trials)
@@ -229,12 +237,13 @@ def _statistics(trials: Sequence[TrialResult], evidence: RunEvidence) -> RunStat
     )
 
 
+def image_means(scores: Sequence[ImageScores]) -> dict[str, MeanInterval]:
+    """Return the mean of every score with its interval."""
+    return {m.value: t_interval([s.value(m) for s in scores]) for m in Metric}
+
+
 def _known(values: Iterable[float | None]) -> list[float]:
     return [v for v in values if v is not None]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _scale_mm_px(geometry: ImageGeometry) -> tuple[float, float] | None:
@@ -267,13 +276,10 @@ def recover_truth(
     )
 
 
-_Row = tuple[str, str, Any, float | None, int]
-"""Name, unit, true and recovered value in SI, and the trial or zero."""
-
-
 def _compared(
     world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
-) -> Iterator[_Row]:
+) -> Iterator[tuple[str, str, Any, float | None, int]]:
+    """Yield name, unit, true and recovered value in SI, and the trial or zero."""
     values, model = world.values, evidence.model
     records = [t.record for t in evidence.trials if t.record is not None]
     dwells = [(t, *world.dwells[t.index]) for t in trials if t.index in world.dwells]
@@ -297,14 +303,8 @@ def _compared(
         yield f"contact seen off its place along {name}", "mm", sum(parts), off_m, 0
     for axis, name in enumerate("xy"):  # as fitted to moments, whether it was applied or not
         true_rad = _part(values.get("tilt_rad"), axis)
-        # The name that replays on disk have.
-        yield (
-            f"tilt of the tool towards {name}",
-            "mrad",
-            true_rad,
-            found.get(f"lean towards {name}"),
-            0,
-        )
+        found_rad = found.get(f"lean towards {name}")  # the name that replays on disk have
+        yield f"tilt of the tool towards {name}", "mrad", true_rad, found_rad, 0
     ratios = [
         t.force_measured_n / t.force.force_predicted_n
         for t in trials
@@ -313,13 +313,8 @@ def _compared(
     if model is not None and ratios:
         # Force is linear in the modulus.
         found_pa = model.young_pa / (model.modulus_factor or 1.0) * float(np.mean(ratios))
-        yield (
-            "modulus, from force at the measured depth",
-            "kPa",
-            values.get("young_pa"),
-            found_pa,
-            0,
-        )
+        name = "modulus, from force at the measured depth"
+        yield name, "kPa", values.get("young_pa"), found_pa, 0
     tares = [(r.tare_before, r.tare_after) for r in records if r.tare_before and r.tare_after]
     if tares:
         variances = [tare.deviation[FZ] ** 2 for pair in tares for tare in pair]

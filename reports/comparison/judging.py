@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.comparison.compare import compare_images
+from reports.comparison.compare import compare_images, image_means
 from reports.evidence.evidence import RunEvidence, TrialEvidence
 from reports.scores.contact import ContactScores, Corrections, score_contact
 from reports.scores.floors import (
@@ -286,10 +286,6 @@ def _means(presses: Sequence[JudgedPress]) -> dict[str, MeanInterval]:
     return {key: t_interval([v for v in values if v is not None]) for key, values in found.items()}
 
 
-def _image_means(scores: Sequence[ImageScores]) -> dict[str, MeanInterval]:
-    return {m.value: t_interval([s.value(m) for s in scores]) for m in Metric}
-
-
 def _contact_means(contacts: Sequence[ContactScores]) -> dict[str, MeanInterval]:
     names = ("zncc", "relative_residual", "ring_residual", "error_levels", "ssim_crop")
     return {f"{OF_CONTACT}{n}": t_interval([getattr(c, n) for c in contacts]) for n in names}
@@ -303,22 +299,22 @@ def _floors(evidence: RunEvidence) -> tuple[Reference, ...]:
     return (
         Reference(
             name="no-contact frame",
-            means=_image_means([floor.no_contact for floor in floors])
+            means=image_means([floor.no_contact for floor in floors])
             | _contact_means([each for each in untouched if each is not None]),
         ),
         Reference(
-            name="flat mean colour", means=_image_means([floor.flat_mean for floor in floors])
+            name="flat mean colour", means=image_means([floor.flat_mean for floor in floors])
         ),
     )
 
 
 def _ceiling(evidence: RunEvidence) -> Reference | None:
     """Return what a repeat of each press scores, or else the two halves of its dwell."""
-    found = {
-        trial.index: trial_ceiling(trial, [t for t in evidence.trials if t.index != trial.index])
+    ceilings = [
+        ceiling
         for trial in evidence.trials
-    }
-    ceilings = [ceiling for ceiling in found.values() if ceiling is not None]
+        if (ceiling := trial_ceiling(trial, [t for t in evidence.trials if t is not trial]))
+    ]
     if not ceilings:
         return None
     halves = [
@@ -330,7 +326,7 @@ def _ceiling(evidence: RunEvidence) -> Reference | None:
     is_noise = all(ceiling.kind is CeilingKind.NOISE for ceiling in ceilings)
     return Reference(
         name="; ".join(sorted({ceiling.kind.value for ceiling in ceilings})),
-        means=_image_means([ceiling.scores for ceiling in ceilings])
+        means=image_means([ceiling.scores for ceiling in ceilings])
         | (_contact_means([each for each in halves if each is not None]) if is_noise else {}),
     )
 

@@ -74,6 +74,9 @@ class AttemptReading:
         self.record = record
         self.recording = store.recording(record.index, record.attempt)
         self.geometry = geometry
+        # How much later than the arm's state of the same moment its samples are stamped.
+        self._force_late_ns = round(store.config.force_sensor.delay * 1e9)
+        self._camera_late_ns = round(store.config.camera.delay * 1e9)
 
     @property
     def force(self) -> ForceArrays:
@@ -184,16 +187,6 @@ class AttemptReading:
         )
         return tuple(stream for stream in found if stream is not None)
 
-    @property
-    def _force_late_ns(self) -> int:
-        """How much later than the arm's state of the same moment a force sample is stamped."""
-        return round(self.store.config.force_sensor.delay * 1e9)
-
-    @property
-    def _camera_late_ns(self) -> int:
-        """How much later than the arm's state of the same moment a frame is stamped."""
-        return round(self.store.config.camera.delay * 1e9)
-
     def _frames(
         self, start_ns: int | None, end_ns: int | None, *, late_ns: int
     ) -> list[ImageArray]:
@@ -277,29 +270,8 @@ def crop_and_resize(image: ImageArray, geometry: ImageGeometry) -> ImageArray:
 
 
 def median_image(images: Sequence[ImageArray]) -> ImageArray:
-    """Return the pixelwise median of at least one image, rounded to 8 bits.
-
-    Values of 8 bits are found by halving their range, in half of the time that sorting takes.
-    """
-    stack, last = np.stack(images), len(images) - 1
-    lower = _ranked(stack, last // 2)
-    upper = lower
-    if last % 2:  # the next larger value, but where more of them are as large
-        next_larger = np.where(stack > lower, stack, np.uint8(255)).min(axis=0)
-        enough = (stack <= lower).sum(axis=0, dtype=np.uint16) > last // 2 + 1
-        upper = np.where(enough, lower, next_larger)
-    middle = np.rint(0.5 * (lower.astype(np.float32) + upper))
-    return np.asarray(middle, dtype=np.uint8)
-
-
-def _ranked(stack: ImageArray, rank: int) -> ImageArray:
-    """Return the pixelwise value that so many others of a stack are at most as large as."""
-    value = np.zeros(stack.shape[1:], dtype=np.uint8)
-    for bit in (128, 64, 32, 16, 8, 4, 2, 1):
-        tried = value | np.uint8(bit)
-        smaller = (stack < tried).sum(axis=0, dtype=np.uint16)
-        value = np.where(smaller <= rank, tried, value)
-    return value
+    """Return the pixelwise median of at least one image, rounded to 8 bits."""
+    return np.asarray(np.rint(np.median(np.stack(images), axis=0)), dtype=np.uint8)
 
 
 def summarize_stream(

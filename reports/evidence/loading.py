@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
-from tacauchy_rig.core.store.force_series import ForceSeries, force_series
+from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
@@ -49,7 +48,10 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
     """
     store, config = run.store, run.store.config
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    seen = _read(run, replay)
+    seen = {
+        index: _read_trial(run, index, replay if index in replayed else None)
+        for index in run.records
+    }
     check = check_run(store)
     _require_a_result(check, run)
     force_check, series = readable(store.force_check.load), force_series(store)
@@ -63,10 +65,14 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
             if replay is not None and index in replayed
             else None,
             kind=0 if replay is None else replay.models.index(model_of(replay.models, index)),
-            checks=(*_checks(check, index, record), *seen[index].damaged, *_doubts(series, record)),
+            checks=(
+                *_checks(check, index, record),
+                *seen[index][1],
+                *filter(None, [series.criterion(index, 0 if record is None else record.attempt)]),
+            ),
             place_known=index not in store.imported_trials
             or store.imported_trials[index].place_m is not None,
-            **seen[index].fields,
+            **seen[index][0],
         )
         for index, record in run.records.items()
     )
@@ -101,12 +107,6 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
         else b"",
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
-
-
-def _doubts(series: ForceSeries, record: TrialRecord | None) -> Iterator[Criterion]:
-    doubt = None if record is None else series.criterion(record.index, record.attempt)
-    if doubt is not None:
-        yield doubt
 
 
 def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stated]:
@@ -184,36 +184,22 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
 _RECORDED = ("images", "streams", "dwell_s", "force_curve", "depth_curve")
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """What was recorded and simulated of a trial, by the fields of its evidence, and damage."""
-
-    fields: dict[str, Any]
-    damaged: tuple[Criterion, ...] = ()
-
-
-def _read(run: RunReading, replay: Replay | None) -> dict[int, _Seen]:
-    """Return what was recorded and simulated of some trials."""
-    replayed = () if replay is None else [trial.index for trial in replay.trials]
-    return {
-        index: _read_trial(run, index, replay if index in replayed else None)
-        for index in run.records
-    }
-
-
-def _read_trial(run: RunReading, index: int, replay: Replay | None) -> _Seen:
+def _read_trial(
+    run: RunReading, index: int, replay: Replay | None
+) -> tuple[dict[str, Any], tuple[Criterion, ...]]:
+    """Return what was recorded and simulated, by the fields of a trial's evidence, and damage."""
     attempt = run.attempt(index)
     recorded = {} if attempt is None else {name: getattr(attempt, name) for name in _RECORDED}
     if replay is None:
-        return _Seen(recorded)
+        return recorded, ()
     try:
         kept = run.store.load_replay_fields(replay.name, index)
     except RecordError as error:
         promise = f"what was simulated of trial {index} is readable"
         lost = consistency("replay_whole", promise, [error.message], remedy=error.remedy)
-        return _Seen(recorded, (lost,))
+        return recorded, (lost,)
     passed = intermediate_states(kept.passed, attempt)
-    return _Seen({**recorded, "simulated_image": kept.image, "intermediate": passed})
+    return {**recorded, "simulated_image": kept.image, "intermediate": passed}, ()
 
 
 def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:

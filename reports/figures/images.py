@@ -73,29 +73,24 @@ def draw_images(evidence: RunEvidence) -> Figure:
     return figure
 
 
-def frame_panel(axes: Axes) -> None:
-    """Show an image's border without ticks."""
+def show_framed(axes: Axes, image: np.ndarray | None, **how: Any) -> AxesImage | None:
+    """Show an image, or that there is none, with its border and without ticks."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(True)
     axes.spines[:].set_linewidth(0.3)
+    if image is not None:
+        return axes.imshow(image, **how)
+    axes.text(0.5, 0.5, "none", color=GREY, ha="center", va="center", transform=axes.transAxes)
+    return None
 
 
 def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> AxesImage | None:
     """Draw the images of a trial; return what is drawn of the difference."""
     real = None if trial.images is None else trial.images.real
-    scale = {"cmap": DIFFERENCE_COLORS, "norm": norm}
-    mapped: AxesImage | None = None
-    for axes, image in zip(
-        column, (real, trial.simulated_image, luminance_difference(trial)), strict=True
-    ):
-        frame_panel(axes)
-        mapped = None
-        if image is None:
-            where = {"ha": "center", "va": "center", "transform": axes.transAxes}
-            axes.text(0.5, 0.5, "none", color=GREY, **where)
-        else:
-            mapped = axes.imshow(image, interpolation="none", **(scale if image.ndim == 2 else {}))
-    return mapped
+    for axes, image in zip(column, (real, trial.simulated_image), strict=False):
+        show_framed(axes, image, interpolation="none")
+    scale = {"cmap": DIFFERENCE_COLORS, "norm": norm, "interpolation": "none"}
+    return show_framed(column[2], luminance_difference(trial), **scale)
 
 
 def _draw_scale_bar(axes: Axes, geometry: ImageGeometry) -> None:

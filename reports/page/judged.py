@@ -29,11 +29,11 @@ from reports.figures.differences import (
     difference_scale,
     luminance_error,
 )
-from reports.figures.images import frame_panel
+from reports.figures.images import show_framed
 from reports.figures.trials import force_title, shown
 from reports.page.html import page_environment, png_data
 from reports.scores.contact import contact_crop, touched
-from tacauchy_rig.core.figure_style import GREY, PAGE_IN, STYLE, new_figure, save_figure
+from tacauchy_rig.core.figure_style import PAGE_IN, STYLE, new_figure, save_figure
 from tacauchy_rig.core.store.codec import to_plain
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.versions import versions
@@ -54,8 +54,6 @@ def draw_judged(judgement: Judgement) -> Figure:
     height = (1 + 2 * len(drawn)) * panel + len(drawn) * LABEL_IN + HEAD_IN
     figure = new_figure(PAGE_IN, height, marks=evidence.marks)
     grid = figure.subplots(1 + 2 * len(drawn), len(trials), squeeze=False)
-    for axes in grid.ravel():
-        frame_panel(axes)
     scale = _scale(trials, drawn)
     for column, trial in zip(grid.T, trials, strict=True):
         if trial.images is not None:
@@ -81,21 +79,15 @@ def _draw_column(
     scale: AsinhNorm,
 ) -> None:
     crop = _crop(images)
-    column[0].imshow(images.real[crop], interpolation="nearest")
+    show_framed(column[0], images.real[crop], interpolation="nearest")
+    colors = {"cmap": DIFFERENCE_COLORS, "norm": scale}
     for k, simulator in enumerate(drawn):
         pair = column[1 + 2 * k], column[2 + 2 * k]
         image = simulator.image(trial.index)
-        if image is None:
-            for axes in pair:
-                axes.text(0.5, 0.5, "none", color=GREY, ha="center", transform=axes.transAxes)
-            continue
-        pair[0].imshow(image[crop], interpolation="nearest")
-        pair[1].imshow(
-            luminance_error(images, image)[crop],
-            interpolation="nearest",
-            cmap=DIFFERENCE_COLORS,
-            norm=scale,
-        )
+        seen = (None, None) if image is None else (image, luminance_error(images, image))
+        for axes, each, how in zip(pair, seen, ({}, colors), strict=True):
+            part = None if each is None else each[crop]
+            show_framed(axes, part, interpolation="nearest", **how)
         contact = next((p.contact for p in simulator.presses if p.index == trial.index), None)
         if contact is not None:
             pair[1].set_xlabel(f"residual {contact.relative_residual:.3f}", fontsize=6, labelpad=1)

@@ -20,6 +20,7 @@ from reports.figures.draw import draw_figures
 from reports.page.html import intermediate_numbers, intermediate_pictures, is_unknown, render_html
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
+from tacauchy_rig.core.config.load import leaves
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.page import prose
 from tacauchy_rig.core.rgb import encode_png
@@ -130,7 +131,10 @@ def metrics_csv(summary: Mapping[str, Any]) -> str:
 
     Nested names are joined by dots, such as ``floors.no_contact.ssim``.
     """
-    rows = [_scalars(trial) for trial in summary["trials"]]
+    rows = [
+        {name: value for name, value in leaves(trial) if not isinstance(value, list)}
+        for trial in summary["trials"]
+    ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     marks = {key: summary[key] for key in ("simulated", "imported")}
@@ -139,17 +143,6 @@ def metrics_csv(summary: Mapping[str, Any]) -> str:
     for row in rows:
         writer.writerow({**marks, **row})
     return text.getvalue()
-
-
-def _scalars(value: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    found: dict[str, object] = {}
-    for key, item in value.items():
-        name = f"{prefix}{key}"
-        if isinstance(item, Mapping):
-            found |= _scalars(item, f"{name}.")
-        elif not isinstance(item, list):
-            found[name] = "" if item is None else item
-    return found
 
 
 def junit_xml(summary: Mapping[str, Any]) -> str:

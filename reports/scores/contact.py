@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from types import EllipsisType
 from typing import NamedTuple
 
 import cv2
@@ -20,6 +21,7 @@ from reports.evidence.evidence import TrialImages
 from reports.scores.metrics import (
     ImageScores,
     check_image_pair,
+    finite,
     score,
     structural_similarity_index,
     zero_mean_correlation,
@@ -155,7 +157,9 @@ def footprint_radius(footprint: BoolArray) -> float:
     return math.sqrt(float(footprint.sum()) / math.pi)
 
 
-def relative_residual(real: FloatArray, simulated: FloatArray, region: BoolArray) -> float:
+def relative_residual(
+    real: FloatArray, simulated: FloatArray, region: BoolArray | EllipsisType = ...
+) -> float:
     """Return |real - simulated| / |real| of two changes inside ``region``; NaN without a change."""
     norm = float(np.linalg.norm(real[region]))
     return float(np.linalg.norm((real - simulated)[region])) / norm if norm > 0.0 else math.nan
@@ -217,19 +221,15 @@ def score_contact(
         centroid_error_px=math.hypot(*offset_px),
         radius_error_px=radius_error_px,
         radius_real_px=footprint_radius(footprint),
-        centroid_error_mm=_known(math.hypot(offset_px[0] * scale[0], offset_px[1] * scale[1])),
-        radius_error_mm=_known(radius_error_px * mean_scale),
-        radius_real_mm=_known(footprint_radius(footprint) * mean_scale),
+        centroid_error_mm=finite(math.hypot(offset_px[0] * scale[0], offset_px[1] * scale[1])),
+        radius_error_mm=finite(radius_error_px * mean_scale),
+        radius_real_mm=finite(footprint_radius(footprint) * mean_scale),
     )
 
 
 def _centroid_offset(first: BoolArray, second: BoolArray) -> tuple[float, float]:
     a, b = np.argwhere(first).mean(axis=0), np.argwhere(second).mean(axis=0)
     return float(b[1] - a[1]), float(b[0] - a[0])
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 PYRAMID_PX = (6.0, 3.0, 1.5)
@@ -321,8 +321,8 @@ def register_changes(
     around = rectangle_around(region, margin_px=1)  # for the gradients at its edge
     real, simulated = (change - np.median(change, axis=(0, 1)) for change in (real, simulated))
     for smoothing in PYRAMID_PX:
-        target = _smooth(real, smoothing)[region].ravel()
-        source = _smooth(simulated, smoothing)
+        target = smooth_change(real, smoothing)[region].ravel()
+        source = smooth_change(simulated, smoothing)
         for _ in range(MAX_STEPS):
             step = _register_step(target, shift_change(source, x, y, around), region[around])
             x, y = x + step[0], y + step[1]
@@ -333,7 +333,8 @@ def register_changes(
     return x, y
 
 
-def _smooth(change: FloatArray, sigma_px: float) -> FloatArray:
+def smooth_change(change: FloatArray, sigma_px: float) -> FloatArray:
+    """Take the noise off a change of an image, by a Gaussian of that standard deviation [px]."""
     return np.asarray(cv2.GaussianBlur(change, (0, 0), sigma_px), dtype=np.float64)
 
 

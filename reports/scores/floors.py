@@ -354,7 +354,7 @@ def _read(
     real, ours = change_of(images.real[region]), change_of(own[region])
     shown = _rivals(trial, images, trials, region)
     rivals = {name: change_of(pixels) for name, pixels in shown.items()}
-    rival = min(rivals, key=lambda name: _residual(real, rivals[name]))
+    rival = min(rivals, key=lambda name: relative_residual(real, rivals[name]))
     theirs = rivals[rival]
     first, second = (
         math.nan if half is None else _margin(change_of(half[region]), ours, theirs)
@@ -384,12 +384,8 @@ def _named(trial: TrialEvidence) -> str:
     return f"{trial.force_target_n:g} N" if known else f"trial {trial.index}"
 
 
-def _residual(real: FloatArray, simulated: FloatArray) -> float:
-    return float(np.linalg.norm(real - simulated) / np.linalg.norm(real))
-
-
 def _margin(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> float:
-    return _residual(real, theirs) - _residual(real, ours)
+    return relative_residual(real, theirs) - relative_residual(real, ours)
 
 
 def _sensitivity(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> float:

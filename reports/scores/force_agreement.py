@@ -30,7 +30,7 @@ class TermGroup(StrEnum):
     DATA = "data"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class UncertaintyTerm:
     """One line of the budget."""
 
@@ -82,6 +82,7 @@ _REPEATS_MIN = 4
 _CHORD = 0.25
 """Of the depth: over so much of it a stiffness is taken. Between two evaluations a nanometre apart
 it would be the solver's tolerance."""
+_REPEATED = "repeatability of the press"
 _IN_CONTACT = 3
 """Samples of force that decide where contact is."""
 
@@ -135,40 +136,35 @@ def uncertainty_budget(
     ``stated`` is by the fields of ``[uncertainty]``, and ``search_speed`` [m/s] and
     ``contact_force`` [N]; ``touched_m`` is the depth of the simulator at the latter.
     """
+    relative = None if model is None else model.young_uncertainty_relative
+    inputs = () if model is None else model.force_inputs
+    terms = [
+        ("modulus of the gel", _share(relative, predicted_n), _modulus_basis(model)),
+        *(
+            (each.name, _share(_change(each, trial.depth_measured_m), predicted_n), each.basis)
+            for each in inputs
+        ),
+    ]
+    if not inputs:
+        unknown = "unknown: replay the run again to estimate them"
+        terms.append(("the press's other inputs", None, unknown))
+    replay = trial.replay
     return (
-        *_of_model(trial, model, predicted_n),
+        UncertaintyTerm(
+            "mesh, element and barrier of the simulator",
+            TermGroup.NUMERICS,
+            _share(None if replay is None else replay.force_error_estimate, predicted_n),
+            "no replay" if replay is None else replay.force_error_basis,
+        ),
+        *(UncertaintyTerm(name, TermGroup.INPUTS, value, basis) for name, value, basis in terms),
         *_of_data(trial, predicted_n, touched_m, scatter, stated),
     )
 
 
-def _of_model(
-    trial: TrialEvidence, model: ReplayModel | None, force_n: float | None
-) -> Iterator[UncertaintyTerm]:
-    replay, relative = trial.replay, None if model is None else model.young_uncertainty_relative
-    yield UncertaintyTerm(
-        name="mesh, element and barrier of the simulator",
-        group=TermGroup.NUMERICS,
-        value_n=_share(None if replay is None else replay.force_error_estimate, force_n),
-        basis="no replay" if replay is None else replay.force_error_basis,
-    )
-    yield _input(
-        "modulus of the gel",
-        _share(relative, force_n),
-        "unknown: the material states no uncertainty for this unit"
-        if model is None or relative is None
-        else f"{relative:.1%}: {model.young_source or 'stated'}",
-    )
-    inputs = () if model is None else model.force_inputs
-    if not inputs:
-        unknown = "unknown: replay the run again to estimate them"
-        yield _input("the press's other inputs", None, unknown)
-    for each in inputs:
-        value_n = _share(_change(each, trial.depth_measured_m), force_n)
-        yield _input(each.name, value_n, each.basis)
-
-
-def _input(name: str, value_n: float | None, basis: str) -> UncertaintyTerm:
-    return UncertaintyTerm(name=name, group=TermGroup.INPUTS, value_n=value_n, basis=basis)
+def _modulus_basis(model: ReplayModel | None) -> str:
+    if model is None or model.young_uncertainty_relative is None:
+        return "unknown: the material states no uncertainty for this unit"
+    return f"{model.young_uncertainty_relative:.1%}: {model.young_source or 'stated'}"
 
 
 def _change(each: ForceInput, depth_m: float | None) -> float | None:
@@ -184,41 +180,28 @@ def _of_data(
     scatter: Scatter,
     stated: Mapping[str, Stated],
 ) -> Iterator[UncertaintyTerm]:
-    record = trial.record
-    yield _data("height of first contact", *_height(trial, touched_m, stated))
-    cell = _by(stated, "force_scale", trial.force_measured_n)
-    yield _data("calibration of the force cell", *cell)
+    record, not_recorded = trial.record, (None, "not recorded")
     drift = None if record is None else record.force_drift_n
-    yield _data(
-        "drift of the force cell's zero",
-        None if drift is None else _UNIFORM * abs(drift),
-        "not recorded" if drift is None else "zero after minus before the press, uniform",
-    )
     noise = None if record is None else record.force_deviation_n
-    yield _data(
-        "noise of the force in the dwell",
-        noise,
-        "not recorded" if noise is None else "standard deviation of one sample, not of the mean",
-    )
     rate = None if record is None else record.force_rate_n_s
-    delay = _by(stated, "delay", None if rate is None else abs(rate))
-    yield _data("synchrony of force and height", *delay)
-    yield _data(
-        "repeatability of the press",
-        _share(scatter.relative, force_n),
-        scatter.basis,
-        scatter.degrees_of_freedom,
-    )
-    yield _data("scale of the image", 0.0, "images do not affect the predicted force")
-    yield _data("light of the image", 0.0, "images do not affect the predicted force")
-
-
-def _data(
-    name: str, value_n: float | None, basis: str, freedom: float | None = None
-) -> UncertaintyTerm:
-    return UncertaintyTerm(
-        name=name, group=TermGroup.DATA, value_n=value_n, basis=basis, degrees_of_freedom=freedom
-    )
+    of_image = (0.0, "images do not affect the predicted force")
+    data: dict[str, tuple[float | None, str]] = {
+        "height of first contact": _height(trial, touched_m, stated),
+        "calibration of the force cell": _by(stated, "force_scale", trial.force_measured_n),
+        "drift of the force cell's zero": not_recorded
+        if drift is None
+        else (_UNIFORM * abs(drift), "zero after minus before the press, uniform"),
+        "noise of the force in the dwell": not_recorded
+        if noise is None
+        else (noise, "standard deviation of one sample, not of the mean"),
+        "synchrony of force and height": _by(stated, "delay", None if rate is None else abs(rate)),
+        _REPEATED: (_share(scatter.relative, force_n), scatter.basis),
+        "scale of the image": of_image,
+        "light of the image": of_image,
+    }
+    for name, (value_n, basis) in data.items():
+        freedom = scatter.degrees_of_freedom if name == _REPEATED else None
+        yield UncertaintyTerm(name, TermGroup.DATA, value_n, basis, freedom)
 
 
 def _by(stated: Mapping[str, Stated], field: str, factor: float | None) -> tuple[float | None, str]:

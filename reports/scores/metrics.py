@@ -131,18 +131,14 @@ def normalized_cross_correlation(first: NDArray[np.uint8], second: NDArray[np.ui
 def histogram_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
     """Correlate the 256-bin histograms, averaged over the channels."""
     check_image_pair(first, second)
-    channels = range(first.shape[2] if first.ndim == 3 else 1)
-    return float(np.mean([_correlate_histograms(first, second, c) for c in channels]))
-
-
-def _correlate_histograms(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], channel: int
-) -> float:
-    histograms = [
-        cv2.calcHist([np.ascontiguousarray(image)], [channel], None, [HISTOGRAM_BINS], [0, 256])
-        for image in (first, second)
+    pairs = [
+        [
+            cv2.calcHist([np.ascontiguousarray(image)], [channel], None, [HISTOGRAM_BINS], [0, 256])
+            for image in (first, second)
+        ]
+        for channel in range(first.shape[2] if first.ndim == 3 else 1)
     ]
-    return float(cv2.compareHist(histograms[0], histograms[1], cv2.HISTCMP_CORREL))
+    return float(np.mean([cv2.compareHist(one, other, cv2.HISTCMP_CORREL) for one, other in pairs]))
 
 
 def mean_squared_error(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
@@ -217,6 +213,11 @@ def psnr_of_mean_mse(mse_values: Sequence[float]) -> float:
     """
     finite = [v for v in mse_values if math.isfinite(v)]
     return psnr_of(float(np.mean(finite))) if finite else math.nan
+
+
+def finite(value: float) -> float | None:
+    """Return a value; None for one that is infinite or no number."""
+    return value if math.isfinite(value) else None
 
 
 def check_image_pair(first: ImageArray, second: ImageArray) -> None:

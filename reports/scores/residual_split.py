@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
-import cv2
 import numpy as np
 
 from reports.evidence.evidence import TrialImages
@@ -28,6 +28,7 @@ from reports.scores.contact import (
     register_changes,
     relative_residual,
     shift_change,
+    smooth_change,
     touched,
 )
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
@@ -42,6 +43,7 @@ SMOOTHING_PX = 1.5
 """Unknowns are found in images without what neither a mesh nor a camera tells of a contact: with it
 half as much of a planted tilt or modulus is found. Shares are of the images as they are."""
 
+_smoothed = partial(smooth_change, sigma_px=SMOOTHING_PX)
 _AROUND_PX = 8  # five standard deviations of the smoothing
 _LEAST_SQUARE = 1e-9  # [grey level^2] of a residual: images of the same press weigh no more
 _PLACES = ("place along x", "place along y")
@@ -64,7 +66,7 @@ UNMENDABLE = (Cause.NOISE, Cause.REST)
 """Of which nobody knows what to do about them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Mode:
     """What one unknown does to the images."""
 
@@ -123,9 +125,14 @@ def split_residual(
         return None
     place = _place(trials)
     plain, softened = dict[str, Mode](), dict[str, Mode]()
-    for around in (_around(mode, trials, place) for mode in modes):
+    for mode in modes:
+        around = {
+            t.index: shift_change(mode.changes[t.index], *place)[t.around]
+            for t in trials
+            if t.index in mode.changes
+        }
         for kept, seen_as in ((plain, np.asarray), (softened, _smoothed)):
-            own = _inside(around, trials, seen_as)
+            own = _inside(replace(mode, changes=around), trials, seen_as)
             known = kept.get(own.name, own)
             kept[own.name] = replace(known, changes={**known.changes, **own.changes})
     moved, smooth = list(plain.values()), list(softened.values())
@@ -157,10 +164,6 @@ def _noise(images: TrialImages) -> float:
     return 2.0 * 0.25 * float(np.mean(np.square(apart)))
 
 
-def _smoothed(change: FloatArray) -> FloatArray:
-    return np.asarray(cv2.GaussianBlur(change, (0, 0), SMOOTHING_PX), dtype=np.float64)
-
-
 def _place(trials: Sequence[_Trial]) -> tuple[float, float]:
     """Return how far the contacts lie beside where they are simulated [px], of all trials."""
     found = [register_changes(t.real, t.simulated, t.region) for t in trials]
@@ -169,16 +172,6 @@ def _place(trials: Sequence[_Trial]) -> tuple[float, float]:
         return 0.0, 0.0
     x, y = np.median(known, axis=0).tolist()
     return x, y
-
-
-def _around(mode: Mode, trials: Sequence[_Trial], place: tuple[float, float]) -> Mode:
-    """Return a mode of contacts that lie there, around them only."""
-    changes = {
-        t.index: shift_change(mode.changes[t.index], *place)[t.around]
-        for t in trials
-        if t.index in mode.changes
-    }
-    return replace(mode, changes=changes)
 
 
 def _inside(mode: Mode, trials: Sequence[_Trial], seen: Callable[[FloatArray], FloatArray]) -> Mode:

@@ -236,7 +236,8 @@ def optics_and_frame(
     frame, shape = read_rgb(background), (optics.geometry.height, optics.geometry.width, 3)
     if frame.shape != shape:
         raise ConfigError(
-            f"background {background}: is no image of {shape[1]} x {shape[0]} px",
+            f"background {background}: {frame.shape[1]} x {frame.shape[0]} px; the sensor's images "
+            f"are {shape[1]} x {shape[0]} px",
             remedy="give the no-contact frame that `calibrate optics` took",
         )
     return optics, frame

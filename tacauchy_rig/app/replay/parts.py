@@ -75,17 +75,25 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         RecordError: The run was imported, and the file that says so is missing or damaged.
     """
     trials, config = run.store.imported_trials, run.store.config
-    groups = list(_alike(trials))
+    groups = _alike(trials)
     is_placed = config.replay.offset is not None
+
+    def part_of(reading: RunReading, config: RigConfig, label: str, *, place_known: bool) -> Part:
+        inputs = inputs_of(config)
+        if tolerance is not None:
+            inputs = replace(inputs, tolerance=tolerance, is_auto=False)
+        return Part(
+            inputs=inputs,
+            records=tuple(_measured(reading)),
+            config=config,
+            trials=tuple(reading.records),
+            place_known=place_known or is_placed,
+            label=label,
+        )
+
     if len(groups) <= 1:
         places = [trial.place_m for trial in trials.values()]
-        part = Part(
-            inputs=_with(inputs_of(config), tolerance),
-            records=tuple(_measured(run)),
-            config=config,
-            trials=tuple(run.records),
-            place_known=None not in places or is_placed,
-        )
+        part = part_of(run, config, "", place_known=None not in places)
         forces_n = part.forces_n if config.is_imported else config.protocol.force_targets
         return [replace(part, inputs=part.inputs.settled(forces_n))]
     parts = []
@@ -93,21 +101,13 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         place, indenter = _place(group), group[0].indenter
         stated = {"indenter": indenter or None, "offset": place}
         known = {name: value for name, value in stated.items() if value is not None}
-        own_replay = config.replay.model_copy(update=known)
-        own_config = config.model_copy(update={"replay": own_replay})
+        own = config.model_copy(update={"replay": config.replay.model_copy(update=known)})
         reading = run.of([trial.index for trial in group])
         where = "place unknown"
         if place is not None:
             where = f"at {place[0] * 1e3:.2f}, {place[1] * 1e3:.2f} mm"
-        part = Part(
-            inputs=_with(inputs_of(own_config), tolerance),
-            records=tuple(_measured(reading)),
-            config=own_config,
-            trials=tuple(reading.records),
-            place_known=place is not None or is_placed,
-            label=f", {indenter or 'the indenter of the run'}, {where}",
-        )
-        parts.append(part)
+        label = f", {indenter or 'the indenter of the run'}, {where}"
+        parts.append(part_of(reading, own, label, place_known=place is not None))
     return parts
 
 
@@ -179,7 +179,3 @@ def _place(trials: list[ImportedTrial]) -> Place | None:
         return None
     x, y = np.mean(known, axis=0).tolist()
     return x, y
-
-
-def _with(inputs: ReplayInputs, tolerance: Tolerance | None) -> ReplayInputs:
-    return inputs if tolerance is None else replace(inputs, tolerance=tolerance, is_auto=False)

@@ -14,19 +14,13 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
 from sim.mesh.elements import linear_facets
-from sim.optics.calibrate.ball_press import check_size, read_rgb
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.carried_markers import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.replay.optics import (
-    OpticalCalibration,
-    calibrated_optics,
-    grey_frame,
-    nominal_optics,
-)
+from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
@@ -51,14 +45,9 @@ def optics_for(
     Raises:
         ConfigError: A file is missing or of another size, or the sensor's file names no lamps.
     """
-    sensor = load_sensor(scene.sensor)
-    optics = calibrated_optics(calibration, sensor) if calibration else nominal_optics(sensor)
-    if background is not None:
-        frame = read_rgb(background)
-        check_size(background.name, frame, grey_frame(optics))
-        return optics, frame
-    frame = grey_frame(optics)
-    if sensor.markers is not None:
+    sensor, given = load_sensor(scene.sensor), Path(calibration) if calibration else None
+    optics, frame = optics_and_frame(sensor, given, background)
+    if background is None and sensor.markers is not None:
         places = marker_places(sensor.markers)
         frame = draw_markers(frame, places, sensor.markers.radius_m, optics.geometry)
     return optics, frame

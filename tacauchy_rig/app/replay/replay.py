@@ -8,12 +8,12 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.evidence import TrialImages
+from reports.figures.trials import spread
 from reports.scores.residual_split import Cause, Mode, split_residual
 from sim.effects.effect_plan import full_plan
 from sim.effects.scene_path import path_for
@@ -65,7 +65,6 @@ _UNIFORM = 1.0 / math.sqrt(3.0)
 _COLOURS = ("red", "green", "blue")
 
 Images = dict[int, FloatArray]
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,9 +94,9 @@ def split_images(
     if len(pressable) < len(parts):
         on_progress("  the residual is not split for mesh indenters: their presses take minutes")
     found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
-    chosen = _spread(found, _MOST_PARTS)
+    chosen = spread(found, _MOST_PARTS)
     again = [
-        _Again(_spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress)
+        _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress)
         for inputs, presses in chosen
     ]
     seen = {press.index: press.images for part in again for press in part.presses}
@@ -139,12 +138,6 @@ def _presses(part: SplitPart, images: Mapping[int, ImageArray]) -> list[_Press]:
     return sorted(found, key=lambda press: press.force_n)
 
 
-def _spread(items: list[Item], most: int) -> list[Item]:
-    if len(items) <= most:
-        return items
-    return [items[k] for k in np.linspace(0, len(items) - 1, most).round().astype(int)]
-
-
 @dataclass(frozen=True, slots=True)
 class _Again:
     """The presses of a run again, coarsely, the smallest force first."""
@@ -178,24 +171,24 @@ class _Again:
     def _of_force(self, by_force: Images) -> Iterator[Mode]:
         """Yield errors of the force: in proportion, the same in all trials, of one trial."""
         scale = stated_uncertainty(self.config, "force_scale").value
-        yield _mode("force, in proportion", Cause.FORCE, scale, "1", _times(by_force, scale))
+        yield Mode("force, in proportion", Cause.FORCE, scale, "1", _times(by_force, scale))
         zero_n = _UNIFORM * self.config.protocol.drift
         of_zero = {p.index: zero_n / p.force_n * by_force[p.index] for p in self.presses}
-        yield _mode("force, all trials alike", Cause.FORCE, zero_n, "N", of_zero)
+        yield Mode("force, all trials alike", Cause.FORCE, zero_n, "N", of_zero)
         for index, changed in of_zero.items():
-            yield _mode(f"force of trial {index}", Cause.FORCE, zero_n, "N", {index: changed})
+            yield Mode(f"force of trial {index}", Cause.FORCE, zero_n, "N", {index: changed})
 
     def _of_material(self, by_force: Images, base: Images) -> Iterator[Mode]:
         """Yield modulus and Poisson's ratio; a stiffer gel answers like a smaller force."""
         sensor = self.inputs.sensor
         young = sensor.young_uncertainty()[0]
-        yield _mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
+        yield Mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
         ratio = sensor.least_certain_poisson.uncertainty
         other = replace(
             self.inputs.tilted(NEARLY_UPRIGHT, 0.0), sensor=sensor.with_poisson(_POISSON)
         )
         changed = _apart(self._seen(self._pressed(other)), base, ratio / _POISSON)
-        yield _mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)
+        yield Mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)
 
     def _of_tilt(self) -> Iterator[Mode]:
         size = stated_uncertainty(self.config, "tilt").value
@@ -205,17 +198,17 @@ class _Again:
                 for sign in (1, -1)
             )
             changed = _apart(there, back, 0.5 * size / _TILT_RAD)
-            yield _mode(f"lean towards {name}", Cause.TILT, size, "rad", changed)
+            yield Mode(f"lean towards {name}", Cause.TILT, size, "rad", changed)
 
     def _of_light(self, change: Images) -> Iterator[Mode]:
         """Yield lamps of another brightness, and light that drifts from frame to frame."""
         for k, colour in enumerate(_COLOURS):
             only = np.eye(3)[k]
             lamp = {i: _LAMP * only * each for i, each in change.items()}
-            yield _mode(f"{colour} lamp", Cause.LIGHT, _LAMP, "1", lamp)
+            yield Mode(f"{colour} lamp", Cause.LIGHT, _LAMP, "1", lamp)
             drift = {press.index: _DRIFT * only * press.bare for press in self.presses}
             since = f"{colour} light since the no-contact frame"
-            yield _mode(since, Cause.LIGHT, _DRIFT, "1", drift)
+            yield Mode(since, Cause.LIGHT, _DRIFT, "1", drift)
 
     def _of_optics(
         self, change: Images, surfaces: Sequence[SurfaceState], base: Images
@@ -226,15 +219,15 @@ class _Again:
             along = np.expand_dims(np.linspace(-1.0, 1.0, count), (2, 1 - axis))
             for k, colour in enumerate(_COLOURS):
                 bent = {i: _LAMP * np.eye(3)[k] * along * each for i, each in change.items()}
-                yield _mode(f"{colour} lamp along {name}", Cause.OPTICS, _LAMP, "1", bent)
+                yield Mode(f"{colour} lamp along {name}", Cause.OPTICS, _LAMP, "1", bent)
         blurred = replace(self.optics, blur_px=self.optics.blur_px + _BLUR_PX)
         changed = _apart(self._seen(surfaces, blurred), base, 1.0)
-        yield _mode("blur", Cause.OPTICS, _BLUR_PX, "px", changed)
+        yield Mode("blur", Cause.OPTICS, _BLUR_PX, "px", changed)
         for name in "xy":
             wide = {f"scale_{name}_m": getattr(view, f"scale_{name}_m") * (1.0 + _SCALE)}
             scaled = replace(self.optics, geometry=replace(view, **wide))
             changed = _apart(self._seen(surfaces, scaled), base, 1.0)
-            yield _mode(f"scale along {name}", Cause.OPTICS, _SCALE, "1", changed)
+            yield Mode(f"scale along {name}", Cause.OPTICS, _SCALE, "1", changed)
 
     def _pressed(
         self, inputs: ReplayInputs, forces_n: Sequence[float] | None = None
@@ -262,10 +255,6 @@ class _Again:
             press.index: image_of(surface, sensor, seen, unloaded=press.bare).astype(np.float64)
             for press, surface in zip(self.presses, surfaces, strict=True)
         }
-
-
-def _mode(name: str, cause: Cause, size: float, unit: str, changes: Images) -> Mode:
-    return Mode(name=name, cause=cause, size=size, unit=unit, changes=changes)
 
 
 def _times(images: Images, factor: float) -> Images:
@@ -310,12 +299,7 @@ def replay_run(
     check_optics(config, sensor, given)
     measured_records(run)  # refuses a run without any, before anything is simulated
     parts = [part for part in parts if part.records]
-    are_many, told = len(parts) > 1, set[str]()
-
-    def say_once(text: str) -> None:
-        if text not in told:
-            told.add(text)
-            on_progress(text)
+    are_many, say_once = len(parts) > 1, cache(on_progress)
 
     @cache
     def optics() -> OpticalCalibration:

@@ -15,7 +15,6 @@ from reports.evidence.attempt import (
     AttemptReading,
     crop_and_resize,
     decode_frame,
-    median_image,
     settled_change,
     summarize_stream,
 )
@@ -212,16 +211,6 @@ def test_curves_of_force_and_depth_lie_at_corrected_times(
     assert abs(after.force_curve.time_s[0] - force_s) < 1e-9
     assert abs(after.depth_curve.time_s[0] - depth_s - 0.04) < 1e-9
     assert (after.force.stamp_ns == before.force.stamp_ns).all()
-
-
-@pytest.mark.parametrize("count", [1, 2, 7, 30])
-def test_the_median_is_numpys(count: int) -> None:
-    """To the bit, ties and the ends of the range included, of odd and even numbers of images."""
-    rng = np.random.default_rng(count)
-    images = [rng.choice([0, 1, 127, 128, 254, 255], size=(9, 11, 3)) for _ in range(count)]
-    stack = [image.astype(np.uint8) for image in images]
-    expected = np.rint(np.median(np.stack(stack), axis=0))
-    np.testing.assert_array_equal(median_image(stack), expected)
 
 
 SHAPE = (60, 80, 3)
