@@ -25,6 +25,8 @@ from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort, AbortWatch
 from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.config.load import load_config
@@ -274,23 +276,45 @@ def _reaction_ms(bench: Bench, session: Session) -> float:
     return (next(slow) - int(beyond[0])) * 1e-6
 
 
+def emulated_session(
+    folder: Path,
+    overrides: Sequence[str],
+    *,
+    on_event: Callable[[JournalEvent], None] = lambda _: None,
+    viewers: Sequence[ViewerOptions] = (),
+) -> tuple[RunStore, SessionResult]:
+    """Press a configuration's trials on emulated devices, with a page."""
+    loaded = load_config(overrides=[f'run.output_directory="{folder}"', *overrides])
+    store = empty_run(folder, loaded)
+    emulation = Emulation(
+        loaded.config,
+        folder=store.paths.emulation,
+        devices=frozenset(Device),
+        unit=emulated_unit(load_sensor(loaded.config.sensor.name)),
+    )
+    with emulation:
+        return store, run_session(
+            store,
+            emulation.running,
+            on_event=on_event,
+            abort=Abort(),
+            page=PageOptions(),
+            viewers=viewers,
+        )
+
+
 def watched_run(folder: Path, *, watchers: int, trials: int) -> list[Row]:
     """Run emulated trials with a page and browsers on it; return rates and losses of each."""
     forces_n = load_config().config.protocol.force_targets[:trials]
     targets = ", ".join(f'"{force_n} N"' for force_n in forces_n)
-    overrides = [f'run.output_directory="{folder}/runs"', f"protocol.force_targets=[{targets}]"]
-    loaded = load_config(None, overrides=overrides)
-    store = empty_run(folder / "runs", loaded)
-    emulation = Emulation(loaded.config, folder=store.paths.emulation, devices=frozenset(Device))
-    with emulation, ExitStack() as stack:
+    with ExitStack() as stack:
 
         def follow(event: JournalEvent) -> None:
             if event.name == "page":
                 stack.enter_context(watched(str(event.detail["address"]), watchers))
 
-        result = run_session(
-            store, emulation.running, on_event=follow, abort=Abort(), page=PageOptions()
-        )
+        overrides = [f"protocol.force_targets=[{targets}]"]
+        _, result = emulated_session(folder / "runs", overrides, on_event=follow)
     return [
         {
             "trial": record.index,

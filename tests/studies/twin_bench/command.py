@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,14 +12,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from drivers.emulators.faults import Device
-from drivers.emulators.launch import Emulation
-from drivers.emulators.plant.truth import EmulatedUnit
-from protocols.guard.abort import Abort
-from protocols.processes.messages import PageOptions
-from protocols.processes.supervisor import run_session
-from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.app.cli.output import (
     JsonFile,
     complain,
@@ -30,14 +22,12 @@ from tacauchy_rig.app.cli.output import (
     write_text,
 )
 from tacauchy_rig.app.twin.twin import Follows, twin_options
-from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
-from tests.recorded_run import empty_run
-from tests.studies.page.command import reaction_table, twin_reactions
+from tests.studies.page.command import emulated_session, reaction_table, twin_reactions
 
 LAG_WANTED_MS = 200.0
 _PAUSE_S = 1.0  # between two frames: longer ones lie between presses
@@ -53,28 +43,10 @@ def keeps_up(row: Row, rate_wanted_hz: float) -> bool:
     return bool(quick and row["lost force"] == row["lost images"] == 0)
 
 
-def press_with_twin(
-    scene: TwinScene, folder: Path, *, unit_of: Callable[[Sensor], EmulatedUnit], device: str
-) -> Row:
+def press_with_twin(scene: TwinScene, folder: Path, *, device: str) -> Row:
     """Press a scene's trials on emulated devices, with a page and a twin."""
-    out = f'run.output_directory="{folder}"'
-    loaded = load_config(None, overrides=[out, *scene.overrides])
-    store = empty_run(folder, loaded)
-    emulation = Emulation(
-        loaded.config,
-        folder=store.paths.emulation,
-        devices=frozenset(Device),
-        unit=unit_of(load_sensor(loaded.config.sensor.name)),
-    )
-    with emulation:
-        result = run_session(
-            store,
-            emulation.running,
-            on_event=lambda _event: None,
-            abort=Abort(),
-            page=PageOptions(),
-            viewers=[twin_options(Follows.FORCE, device=device)],
-        )
+    viewers = [twin_options(Follows.FORCE, device=device)]
+    store, result = emulated_session(folder, scene.overrides, viewers=viewers)
     busy = os.getloadavg()[0] / (os.cpu_count() or 1)
     lines = [json.loads(line) for line in store.paths.twin.read_text("utf-8").splitlines()]
     return row_of(scene.name, lines, result.records, busy=busy)
@@ -200,7 +172,7 @@ def twin_bench(
 
     for scene in wanted:
         complain(f"  {scene.name}")
-        rows.append(press_with_twin(scene, RUNS / "presses", unit_of=emulated_unit, device=device))
+        rows.append(press_with_twin(scene, RUNS / "presses", device=device))
         facts["rows"] = rows
         tables = [twin_table(rows, rate_wanted_hz=RATES_WANTED_HZ[name])]
         write()  # After every scene, so that Ctrl-C leaves what was found until then.
