@@ -20,12 +20,13 @@ from reports.scores.floors import (
     Floors,
     ForceMargin,
     Skill,
+    cross_scores,
     force_margins,
     trial_ceiling,
     trial_floors,
 )
 from reports.scores.force_agreement import difference
-from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
+from reports.scores.metrics import ImageScores, MeanInterval, Metric, t_interval
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 
@@ -205,7 +206,7 @@ def _judged(
     margins = force_margins(trials)
     presses = []
     for trial in (each for each in trials if each.index in entry.presses):
-        seen = compare_images(trial, shown, {trial.index: _own(trial)})
+        seen = compare_images(trial, shown, cross_scores([trial]))  # margins tell of other presses
         output = entry.presses[trial.index]
         presses.append(
             JudgedPress(
@@ -225,13 +226,6 @@ def _judged(
         means=_means(presses),
         wins=(sum(won), len(won)),
     )
-
-
-def _own(trial: TrialEvidence) -> dict[int, ImageScores]:
-    """Return the scores of a trial's own image alone; margins tell those of other presses."""
-    if trial.images is None or trial.simulated_image is None:
-        return {}
-    return {trial.index: score(trial.images.real, trial.simulated_image)}
 
 
 def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> dict[str, Any]:

@@ -41,32 +41,26 @@ _QUALITY = 75
 _STOPS = 9
 
 
-def intermediate_numbers(evidence: RunEvidence) -> dict[int, list[dict[str, Any]]]:
-    """Return for each trial the numbers of its states, the smallest force first."""
-    return {
-        trial.index: [_numbers(state) for state in trial.intermediate]
-        for trial in _shown_trials(evidence)
-    }
+def passing_states(
+    evidence: RunEvidence,
+) -> tuple[dict[int, list[dict[str, Any]]], dict[int, list[dict[str, str]]]]:
+    """Return for each trial numbers and pictures of its states, the smallest force first.
 
-
-def intermediate_pictures(evidence: RunEvidence) -> dict[int, list[dict[str, str]]]:
-    """Return for each trial the pictures of its states as data URLs, by kind.
-
-    ``dent`` is in proportion, ``pressure`` by its square root, so that a rim's peak does not take
-    all colours; both up to the largest of the trial.
+    Pictures are data URLs by kind. ``dent`` is in proportion, ``pressure`` by its square root, so
+    that a rim's peak does not take all colours; both up to the largest of the trial.
     """
-    return {trial.index: list(_pictures(trial)) for trial in _shown_trials(evidence)}
+    some = shown([trial for trial in evidence.trials if trial.intermediate], most=MOST_PRESSES)
+    trials = sorted(some, key=lambda trial: trial.index)
+    return (
+        {trial.index: [_numbers(state) for state in trial.intermediate] for trial in trials},
+        {trial.index: list(_pictures(trial)) for trial in trials},
+    )
 
 
 def gradient(colors: str) -> str:
     """Return a colour map as what CSS calls a gradient, from zero on the left."""
     stops = map(mpl.colors.to_hex, mpl.colormaps[colors](np.linspace(0.0, 1.0, _STOPS)))
     return f"linear-gradient(to right, {', '.join(stops)})"
-
-
-def _shown_trials(evidence: RunEvidence) -> list[TrialEvidence]:
-    some = shown([trial for trial in evidence.trials if trial.intermediate], most=MOST_PRESSES)
-    return sorted(some, key=lambda trial: trial.index)
 
 
 def _numbers(state: IntermediateState) -> dict[str, Any]:

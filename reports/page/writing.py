@@ -17,7 +17,7 @@ from reports.comparison.sentences import fits_of
 from reports.evidence.evidence import RunEvidence
 from reports.figures.differences import color_difference, difference_scale, luminance_difference
 from reports.figures.draw import draw_figures
-from reports.page.html import intermediate_numbers, intermediate_pictures, is_unknown, render_html
+from reports.page.html import is_unknown, passing_states, render_html
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.core.config.load import leaves
@@ -241,25 +241,18 @@ def _write(report: ValidationReport, paths: ReportPaths, figures: list[dict[str,
         (paths.images / OPTICS_PICTURE).write_bytes(picture)
     summary = build_summary(report)
     summary["figures"] = figures
-    intermediate = intermediate_numbers(report.evidence)
+    numbers, shown = passing_states(report.evidence)
     for trial in summary["trials"]:
         trial["images"] = pictures.get(trial["index"], {})
-        trial["passing"] = intermediate.get(trial["index"], [])
+        trial["passing"] = numbers.get(trial["index"], [])
     # allow_nan=False: a NaN that slipped through is a bug of ours and must not reach a reader.
     summary["optics_picture"] = OPTICS_PICTURE if picture else None
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
     paths.summary.write_text(text + "\n", encoding="utf-8")
     paths.metrics.write_text(metrics_csv(summary), encoding="utf-8")
     paths.junit.write_text(junit_xml(summary), encoding="utf-8")
-    paths.html.write_text(
-        render_html(
-            summary,
-            figures=paths.figures,
-            images=paths.images,
-            intermediate=intermediate_pictures(report.evidence),
-        ),
-        encoding="utf-8",
-    )
+    html = render_html(summary, figures=paths.figures, images=paths.images, intermediate=shown)
+    paths.html.write_text(html, encoding="utf-8")
 
 
 def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, str]]:
