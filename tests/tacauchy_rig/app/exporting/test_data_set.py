@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -135,11 +136,15 @@ def test_a_data_set_keeps_its_numbers_in_a_bag(swept: Path, tmp_path: Path) -> N
 def test_a_full_disk_leaves_nothing_and_names_a_remedy(
     swept: Path, tmp_path: Path, form: Format
 ) -> None:
-    """A limit of the size of files stands for the disk; the program ends with exit code 2."""
+    """A limit of the size of files stands for the disk; the program ends with exit code 2.
+
+    Python would cut the bytecode that it keeps, and find it broken next time.
+    """
     program = "import sys; from tacauchy_rig.app.cli.app import main; main()"
     told = subprocess.run(
         [sys.executable, "-c", program, "export", swept, tmp_path / "out", "--to", form],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, 2_000)),
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         check=False,
