@@ -288,6 +288,7 @@ class BeyondStudy(Study):
                 "what came of it": self.line,
             },
             title="Undecided and missed",
+            criterion="none: the table above judges them",
         )
         return [answers, *([listed] if named else []), *failures_table(results, kind=self.kind)]
 
