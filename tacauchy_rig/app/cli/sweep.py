@@ -90,8 +90,10 @@ def sweep(
         swept = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
     if swept.presses:
         spent = ", ".join(f"{part} {seconds:.1f} s" for part, seconds in swept.took_s.items())
+        first, most = (value / 1e9 for value in (swept.peaks_bytes[0], max(swept.peaks_bytes)))
         say(
             f"{engine}: {swept.presses} presses in {swept.elapsed_s:.1f} s; processes spent {spent}"
+            f"; each used at most {most:.2f} GB, {first:.2f} GB for the first shard"
         )
     write_json(json_file, {"folder": str(out), "engine": engine, **asdict(swept)})
     say(f"wrote {out / 'summary.html'}" if swept.is_whole else f"{out}: other tasks have the rest")

@@ -159,12 +159,14 @@ class Swept:
         presses: How many it computed.
         elapsed_s: Wall clock from the first press to the last [s], with the start of processes.
         took_s: Of it, in ``setup``, ``solve``, ``render`` and ``write``; summed over processes [s].
+        peaks_bytes: Of each shard in their order, the most memory that its process had used so far.
     """
 
     is_whole: bool
     presses: int
     elapsed_s: float
     took_s: dict[str, float]
+    peaks_bytes: list[float]
 
 
 def write_summary(folder: Path, plan: Plan, table: Any, swept: Swept) -> None:
@@ -278,7 +280,7 @@ def sweep(
     missing = [row for shard in left for row in shard.rows]
     _check_space(out, estimate(plan, missing))
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
-    took_s, elapsed_s = dict[str, float](), 0.0
+    took_s, peaks_bytes, elapsed_s = dict[str, float](), list[float](), 0.0
     on_progress("presses are done", count, len(rows), "")
     with doing(f"computing {len(missing)} missing presses"):
         for shard, made in engine(make_shard, left):
@@ -287,6 +289,7 @@ def sweep(
             now = time.monotonic()
             for part, seconds in (*made.took_s.items(), ("write", now - begun)):
                 took_s[part] = took_s.get(part, 0.0) + seconds
+            peaks_bytes.append(made.peak_bytes)
             elapsed_s = now - started
             pressed += len(shard.rows)
             rate = pressed / elapsed_s
@@ -294,7 +297,9 @@ def sweep(
             told = f"about {left_s:.0f} s left" if left_s else ""
             on_progress(f"presses, {rate:.2g} a second", count + pressed, len(rows), told)
     whole = not set(named) - set(done_rows(out))
-    swept = Swept(is_whole=whole, presses=pressed, elapsed_s=elapsed_s, took_s=took_s)
+    swept = Swept(
+        is_whole=whole, presses=pressed, elapsed_s=elapsed_s, took_s=took_s, peaks_bytes=peaks_bytes
+    )
     if whole:
         with doing("writing index, datasheet and summary"):
             table = write_index(out, named)

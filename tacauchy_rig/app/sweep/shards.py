@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import resource
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -243,10 +244,17 @@ def parquet() -> Any:
 
 
 class Made(NamedTuple):
-    """A shard's file, and the seconds that ``setup``, ``solve``, ``render`` and ``write`` took."""
+    """A shard's file; what it took.
+
+    Attributes:
+        content: The file.
+        took_s: In ``setup``, ``solve``, ``render`` and ``write`` [s].
+        peak_bytes: The most memory that its process has used so far.
+    """
 
     content: bytes
     took_s: dict[str, float]
+    peak_bytes: float
 
 
 def make_shard(shard: Shard, device: str) -> Made:
@@ -269,7 +277,9 @@ def make_shard(shard: Shard, device: str) -> Made:
     sink = pa.BufferOutputStream()
     whole = pa.table(list(made.values()), schema=pa.schema(fields))
     pa.parquet.write_table(whole, sink, compression="zstd", row_group_size=50, use_dictionary=False)
-    return Made(bytes(sink.getvalue()), took_s | {"write": time.monotonic() - started})
+    peak_bytes = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    took_s |= {"write": time.monotonic() - started}
+    return Made(bytes(sink.getvalue()), took_s, peak_bytes)
 
 
 def lists(values: AnyArray) -> Any:

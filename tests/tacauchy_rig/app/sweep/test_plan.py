@@ -125,7 +125,7 @@ def test_the_example_is_a_plan(tmp_path: Path) -> None:
 
 
 SHARDS = [Shard(name=f"{k:032x}", rows=(), hashes=(), simulation=Simulation()) for k in range(6)]
-EXPECTED = {shard.name: Made(shard.name.encode(), {}) for shard in SHARDS}
+EXPECTED = {shard.name: Made(shard.name.encode(), {}, 0.0) for shard in SHARDS}
 
 
 def work(shard: Shard, device: str) -> Made:
@@ -233,6 +233,7 @@ def _swept(plan: Plan, out: Path, *, ends_after: int = 99) -> int:
     assert swept.presses == engine.pressed
     assert set(swept.took_s) == ({"setup", "solve", "render", "write"} if swept.presses else set())
     assert 0.5 * swept.elapsed_s <= sum(swept.took_s.values()) <= swept.elapsed_s
+    assert all(1e8 < peak < 1e10 for peak in swept.peaks_bytes)
     return engine.pressed
 
 
