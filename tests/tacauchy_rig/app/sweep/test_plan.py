@@ -140,7 +140,7 @@ def _folder(tmp_path: Path) -> Folder:
 
 def _write(tmp_path: Path, made: Iterator[tuple[Shard, Made]]) -> int:
     count = 0
-    for shard, (content, _) in made:
+    for shard, (content, *_) in made:
         (tmp_path / shard.name).write_bytes(content)
         count += 1
     return count
@@ -157,7 +157,7 @@ def test_processes_compute_every_shard_once(devices: list[str]) -> None:
 def test_tasks_of_a_folder_leave_what_others_claimed_or_finished(tmp_path: Path) -> None:
     """Tasks of a folder leave what others claimed or finished."""
     first, second = _folder(tmp_path)(work, SHARDS), _folder(tmp_path)
-    one, (content, _) = next(first)
+    one, (content, *_) = next(first)
     assert _write(tmp_path, second(work, SHARDS)) == len(SHARDS) - 1
     (tmp_path / one.name).write_bytes(content)
     assert _write(tmp_path, first) == 0
