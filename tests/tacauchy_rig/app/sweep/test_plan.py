@@ -179,7 +179,7 @@ def test_a_claim_of_a_dead_task_is_taken_over(tmp_path: Path) -> None:
 def test_a_task_finishes_its_shard_when_its_end_is_announced(tmp_path: Path) -> None:
     """A task finishes its shard when its end is announced."""
     made = _folder(tmp_path)(work, SHARDS)
-    shard, (content, _) = next(made)
+    shard, (content, *_) = next(made)
     (tmp_path / shard.name).write_bytes(content)
     os.kill(os.getpid(), signal.SIGUSR1)
     with pytest.raises(InterruptedSweepError):
