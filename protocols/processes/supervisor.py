@@ -236,13 +236,11 @@ class Supervisor:
 
     def _end_children(self) -> None:
         """Let each finish in the order in which they depend on one another."""
-        control, camera = self._children["control"], self._children["camera"]
-        for child in (control, camera):
-            child.channel.send(Order.STOP)
-            if self._finished is None and child is control:
-                control.channel.send(AbortRequest(reason="the session ends"))
+        if self._finished is None:
+            self._children["control"].channel.send(AbortRequest(reason="the session ends"))
         for name in ("control", "camera", "recorder"):
             child = self._children[name]
+            child.channel.send(Order.STOP)
             deadline = time.monotonic() + END_TIMEOUT_S
             while not child.has_ended and time.monotonic() < deadline:
                 self._listen()
