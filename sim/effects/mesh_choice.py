@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from sim.mesh.footprint import Footprint, footprint, sizing_field
 from sim.mesh.refinement import bisected_level, brick_mesh, with_rim_fitted, with_top_fitted
 from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.indenter import Cylinder, MeshIndenter, Sphere, TurnedIndenter, tilted
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, TurnedIndenter, tilted
 from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
-from sim.scene.scene import Preset, Scene
+from sim.scene.scene import Motion, Preset, Scene
 from sim.scene.triangle_surface import is_mirrored
 from tacauchy_rig.core.errors import ConfigError
 
@@ -188,7 +188,7 @@ def footprint_mesh(
     resolution = _LIGHT_FOOTPRINT if scene.is_light else _FOOTPRINTS[scene.preset]
     coarse_m = resolution.size_max_m if largest is None else sizing.coarse_m
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
-    touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
+    touched = _scene_footprint(scene)
     if isinstance(pad, BoxPad) and has_brick(scene):
         base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
     else:
@@ -217,21 +217,28 @@ def footprint_mesh(
 
 def sharp_edge_m(scene: Scene) -> float:
     """Return how long a scene's edges are at an indenter's sharp edges [m]; zero without those."""
-    touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
+    touched = _scene_footprint(scene)
     resolution = _FOOTPRINTS[scene.preset]
     edge_m = resolution.edge_share * touched.radius_m / scene.refinement
     return edge_m if len(touched.edge) else 0.0
 
 
-def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
+def _scene_footprint(scene: Scene) -> Footprint:
     """Return where a scene's indenter touches the pad, before it is carried along and after."""
-    turned = TurnedIndenter(indenter=scene.indenter, rotation=tilted(*scene.motion.tilt_rad))
-    start = footprint(scene.pad, turned, centre_m=scene.centre_m, depth_m=depth_m)
-    if not any(scene.motion.shift_m):
+    return _footprint(scene.pad, scene.indenter, scene.motion, scene.centre_m, mesh_depth(scene))
+
+
+@lru_cache(maxsize=8)
+def _footprint(
+    pad: Pad, indenter: Indenter, motion: Motion, centre_m: tuple[float, float], depth_m: float
+) -> Footprint:
+    turned = TurnedIndenter(indenter=indenter, rotation=tilted(*motion.tilt_rad))
+    start = footprint(pad, turned, centre_m=centre_m, depth_m=depth_m)
+    if not any(motion.shift_m):
         return start
-    x, y = np.array(scene.centre_m) + np.array(scene.motion.shift_m)
+    x, y = np.array(centre_m) + np.array(motion.shift_m)
     try:
-        return start.joined(footprint(scene.pad, turned, centre_m=(x, y), depth_m=depth_m))
+        return start.joined(footprint(pad, turned, centre_m=(x, y), depth_m=depth_m))
     except ConfigError:
         # It is carried off the pad, where it touches nothing.
         return start

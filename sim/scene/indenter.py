@@ -5,7 +5,9 @@ In the indenter's frame +z points up, away from the gel, and the body lies at z 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +105,7 @@ class MeshIndenter:
         """Return the height of the underside above the tip [m], inf beside the body."""
         from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        return underside(self.surface, x, y, rounding_m=self.rounding_m)
+        return underside(self.surface, rounding_m=self.rounding_m)(x, y)
 
     @property
     def size_m(self) -> FloatArray:
@@ -252,7 +254,7 @@ _FILLET_RINGS = 8
 _LENGTH_PER_DIAMETER = 2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TurnedIndenter:
     """An indenter with its tip at the origin, turned about the tip."""
 
@@ -261,7 +263,8 @@ class TurnedIndenter:
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        if np.array_equal(self.rotation, np.eye(3)):
+        is_upright = np.array_equal(self.rotation, np.eye(3))
+        if is_upright and not isinstance(self.indenter, MeshIndenter):
             return self.indenter.lower_surface(x, y)
         if isinstance(self.indenter, Plane):
             normal = self.rotation[:, 2]
@@ -270,9 +273,13 @@ class TurnedIndenter:
             middle = self.rotation[:, 2] * self.indenter.radius_m
             beneath = self.indenter.lower_surface(x - middle[0], y - middle[1])
             return np.asarray(beneath + middle[2] - self.indenter.radius_m)
+        return self._underside(x, y)
+
+    @cached_property
+    def _underside(self) -> Callable[[FloatArray, FloatArray], FloatArray]:
         from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        return underside(self._triangles(), x, y, rounding_m=self._rounding_m)
+        return underside(self._triangles(), rounding_m=self._rounding_m)
 
     @property
     def _rounding_m(self) -> float:

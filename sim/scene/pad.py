@@ -138,7 +138,7 @@ class SurfacePad:
             vertices=self.surface.vertices * mirror,
             face_normals=self.surface.face_normals * mirror,
         )
-        return -underside(mirrored, x, y)
+        return -underside(mirrored)(x, y)
 
     def half_extents(self) -> tuple[float, float]:
         """Return half the extents in x and y [m]."""

@@ -9,6 +9,7 @@ round.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -265,15 +266,22 @@ def _lowest_heights(
 
 
 def underside(
-    surface: TriangleSurface, x: FloatArray, y: FloatArray, *, rounding_m: float = 0.0
-) -> FloatArray:
-    """Return the lowest height over points of the plan, of one shape together; inf beside it."""
-    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
+    surface: TriangleSurface, *, rounding_m: float = 0.0
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Return the lowest height by points of the plan, of one shape together; inf beside it.
+
+    The surface is uploaded once.
+    """
     device = Device("cpu")
-    uploaded, _tree = on_device(surface, device.name, rounding_m=rounding_m)
-    heights = device.empty((len(plan),), wp.float64)
-    inputs = [uploaded, device.array(plan, wp.vec2d)]
-    device.launch(_lowest_heights, (len(plan),), inputs, [heights])
-    found: FloatArray = heights.numpy()
-    return np.where(found >= float(BESIDE), np.inf, found).reshape(x.shape)
+    uploaded = on_device(surface, device.name, rounding_m=rounding_m)
+
+    def lowest(x: FloatArray, y: FloatArray) -> FloatArray:
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
+        heights = device.empty((len(plan),), wp.float64)
+        inputs = [uploaded[0], device.array(plan, wp.vec2d)]
+        device.launch(_lowest_heights, (len(plan),), inputs, [heights])
+        found: FloatArray = heights.numpy()
+        return np.where(found >= float(BESIDE), np.inf, found).reshape(x.shape)
+
+    return lowest
