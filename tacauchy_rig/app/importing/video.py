@@ -140,7 +140,7 @@ def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> Camera
     reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
     apart_s = float(np.ptp(reached @ line, axis=1).max())
     hidden = _hidden(offsets_s.mean(axis=0) / interval_s, terms, reached)
-    off_s = math.hypot(max(hidden * interval_s, float(np.abs(left_s).max())), apart_s / 2.0)
+    off_s = math.hypot(hidden * interval_s, float(np.abs(left_s).max()), apart_s / 2.0)
     if off_s > interval_s:
         advance_s = 1.0 + float(np.polyfit(at_s, offsets_s.mean(axis=0), 1)[0])
         raise RecordError(

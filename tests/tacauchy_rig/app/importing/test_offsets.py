@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -187,10 +189,6 @@ def main() -> None:
     PAGE.write_text(f"{before}{BEGIN}{table}{END}{after.partition(END)[2]}", "utf-8")
 
 
-if __name__ == "__main__":
-    main()
-
-
 HZ = 100.0
 FOUND_SEEDS = (11, 12, 13)
 
@@ -264,14 +262,22 @@ def test_frames_with_gaps_and_times_of_their_own_are_aligned(seed: int) -> None:
 
 
 def told(
-    seed: int, *, count: int = 8, rate_off: float = 0.0, late_s: float = 0.0, lost: int = 0
+    seed: int,
+    *,
+    count: int = 8,
+    rate_off: float = 0.0,
+    late_s: float = 0.0,
+    lost: int = 0,
+    gaps: int = 1,
+    share: float = 0.0,
 ) -> float:
     """Return by how many frames an image at rest, or held, or the first one is off at most.
 
     Args:
         rate_off: Of the stated time between frames, relative.
         late_s: After the log's begin that the video begins.
-        lost: Frames that are missing somewhere, of which the video says nothing.
+        lost: Frames that are missing in each gap, of which the video says nothing.
+        share: Of all frames, that are missing besides, each by chance.
 
     Raises:
         RecordError: The clocks are refused.
@@ -280,8 +286,10 @@ def told(
     time_s, force_n, _ = pressed(random, count)
     force = samples(time_s, force_n + random.normal(0.0, 0.01, len(time_s)))
     shown_s = np.arange(late_s + random.uniform(0.0, 0.04), time_s[-1], 0.04)
-    gap = int(random.uniform(0.2, 0.8) * len(shown_s))
-    shown_s = np.delete(shown_s, slice(gap, gap + lost))
+    for _ in range(gaps):
+        gap = int(random.uniform(0.2, 0.8) * len(shown_s))
+        shown_s = np.delete(shown_s, slice(gap, gap + lost))
+    shown_s = shown_s[random.uniform(size=len(shown_s)) >= share]
     own_s = 0.04 * (1.0 + rate_off) * np.arange(len(shown_s))
     seen = Signal(time_s=own_s, value=seen_of(random, time_s, force_n, shown_s))
     found = find_presses(force, PressFinding())
@@ -319,3 +327,34 @@ def test_clocks_that_no_line_joins_are_refused(seed: int, about: dict[str, float
     with pytest.raises(RecordError, match=r"offsets of the clocks|fit best") as refused:
         told(seed, **about)
     assert "data.frame_rate" in (refused.value.remedy or "")
+
+
+LOSSES: dict[str, dict[str, float]] = {
+    "none": {},
+    **{f"{n} lost": {"lost": n} for n in (1, 2, 5)},
+    **{f"2 gaps of {n}": {"lost": n, "gaps": 2} for n in (1, 2)},
+    **{f"{p:.0%} by chance": {"share": p} for p in (0.01, 0.03)},
+    **{f"{p:.0%}, mean rate": {"share": p, "rate_off": p / (1 - p)} for p in (0.01, 0.03)},
+    **{f"rate {r:.1%} off": {"rate_off": r} for r in (0.002, 0.01)},
+    "log 1.7 s early": {"late_s": 1.7},
+}
+
+
+def losses(first_seed: int, cases: int = 12) -> None:
+    """Print how many videos with lost frames are accepted, and how far off in frames."""
+    head = "| frames lost | presses | accepted | more than a frame off | largest |"
+    sys.stdout.write(f"{head}\n{'|---' * 5}|\n")
+    for name, about in LOSSES.items():
+        for count in (2, 3, 5, 12):
+            off = []
+            for seed in range(first_seed, first_seed + cases):
+                with suppress(RecordError):
+                    off.append(told(seed, count=count, **about))
+            beyond, most = sum(each > 1.0 for each in off), max(off, default=0.0)
+            told_off = f"{len(off)} of {cases} | {beyond} | {most:.2f}"
+            sys.stdout.write(f"| {name} | {count} | {told_off} |\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    losses(int(sys.argv[1])) if len(sys.argv) > 1 else main()
