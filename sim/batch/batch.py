@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.batch import frame_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
-from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
+from sim.batch.sensor_model import ForceBias, Rim, bias_of, edge_of, rims_of, stiffness_of
 from sim.contact.contact_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
@@ -111,6 +111,8 @@ class Batch:
             The model needs a friction above zero.
         materials: Materials of the gel's layers, from the camera's side, for each environment;
             None takes the model's.
+        bias: Of F_z under each of ``indenters``, as ``measured_bias`` finds it; None is their
+            kind's.
 
     Attributes:
         positions: Nodes of every environment [m], a Warp array of vectors, shape [count,
@@ -135,6 +137,7 @@ class Batch:
         friction: FloatArray | None = None,
         materials: Sequence[Sequence[Material]] | None = None,
         options: BatchOptions | None = None,
+        bias: ForceBias | None = None,
     ) -> None:
         self.model, self.indenters, self.count = model, tuple(indenters), len(which)
         _refuse(model, indenters, which, friction)
@@ -150,7 +153,8 @@ class Batch:
         longest, short = _STEP_SHARES
         careful = (rims > Rim.FILLET) | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        self._bias, self._floor_n = bias_of(model, rims), floor_n
+        own_bias = bias_of(model, rims) if bias is None else bias.of(which)
+        self._bias, self._floor_n = own_bias, floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa

@@ -271,9 +271,10 @@ def note(
     # Model:
     floor: wp.float64,
     bias: wp.array(dtype=wp.float64),
-    slope: wp.float64,
+    slope: wp.array(dtype=wp.float64),
     bias_left: wp.array(dtype=wp.float64),
-    slope_left: wp.float64,
+    slope_left: wp.array(dtype=wp.float64),
+    by_force: wp.array(dtype=wp.vec4d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -295,7 +296,9 @@ def note(
         narrow = wp.float64(0.0)
         if history.touched[b, 6] > wp.float64(0.0):
             narrow = wp.pow(history.touched[b, 6], wp.float64(-0.75))
-        own = bias[b] + slope * narrow
+        by = by_force[b]
+        x = wp.clamp(wp.log(wp.max(history.touched[b, 2], _NOTHING)), by[2], by[3])
+        own = bias[b] + slope[b] * narrow + (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
         history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
@@ -311,7 +314,7 @@ def note(
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] / (wp.float64(1.0) + own)
-                found.error[f, b] = bias_left[b] + slope_left * narrow
+                found.error[f, b] = bias_left[b] + slope_left[b] * narrow
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load

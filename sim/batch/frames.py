@@ -62,8 +62,8 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        biases = [device.array(each, wp.float64) for each in (bias.constant, bias.constant_left)]
-        biased = [floor_n, biases[0], bias.slope, biases[1], bias.slope_left]
+        biased = [floor_n, *(device.array(each, wp.float64) for each in bias[:4])]
+        biased.append(device.array(bias.by_force, wp.vec4d))
         self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
 
     def go(self) -> None:

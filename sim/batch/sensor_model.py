@@ -19,9 +19,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.contact.contact_surface import ContactOptions
 from sim.material.elastic_body import element_constants
@@ -70,13 +71,19 @@ _SHARES_LEFT, _SLOPE_LEFT, _LAYERS_LEFT = np.array([0.10, 0.10, 0.25, 0.30]), 0.
 class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
-    Each is a constant of the environment, shape [count], plus a slope times A^(-3/4).
+    Each is a constant plus a slope times A^(-3/4), of each environment, shape [count]. The bias has
+    also linear x + quadratic x^2 with x = log(F_z / N), held between two ends.
     """
 
     constant: FloatArray
-    slope: float
+    slope: FloatArray
     constant_left: FloatArray
-    slope_left: float
+    slope_left: FloatArray
+    by_force: FloatArray  # linear, quadratic and the two ends, shape [count, 4]
+
+    def of(self, which: Sequence[int] | NDArray[np.integer[Any]]) -> ForceBias:
+        """Return the bias of bodies by their places, shape [count]."""
+        return ForceBias(*(each[np.asarray(which)] for each in self))
 
 
 def sensor_model(
@@ -146,12 +153,15 @@ def bias_of(model: Model, rims: FloatArray) -> ForceBias:
     """Return the bias of forces on a model; none, with NaN left, where it is not known."""
     edge_m = edge_of(model)
     if not _gives_way(model):
-        return ForceBias(np.zeros(len(rims)), 0.0, np.full(len(rims), np.nan), 0.0)
-    wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
+        zero = np.zeros(len(rims))
+        return ForceBias(zero, zero, np.full(len(rims), np.nan), zero, np.zeros((len(rims), 4)))
+    wide, narrow = edge_m / model.height_m, np.full(len(rims), (edge_m * np.sqrt(np.pi)) ** 1.5)
     layered = (1.0 - model.materials[0].min() / model.materials[0].max()) * wide**1.5
     constant = _SHARES[rims] * wide + _LAYERS * layered
     left = _SHARES_LEFT[rims] * wide + _LAYERS_LEFT * layered
-    return ForceBias(constant, _SLOPE * narrow, left, _SLOPE_LEFT * narrow)
+    return ForceBias(
+        constant, _SLOPE * narrow, left, _SLOPE_LEFT * narrow, np.zeros((len(rims), 4))
+    )
 
 
 def _gives_way(model: Model) -> bool:

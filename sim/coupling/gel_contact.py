@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch.batch import Batch
+from sim.batch.measured_bias import measured_bias
 from sim.batch.sensor_model import sensor_model
 from sim.coupling import gel_kernels as kernels
 from sim.device import Device
@@ -40,6 +41,8 @@ class GelContact:
         count: Gels.
         sensor: Name, or path of a sensor's file.
         edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
+        measures_bias: Measure the mesh's error of F_z for this indenter at set-up, by a few presses
+            on fine meshes.
         friction: Coulomb coefficient between object and gel.
         loss_s: Viscous forces of the gel over its stiffness times speed [s]; 2 ms are a loss
             tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` excludes them.
@@ -69,6 +72,7 @@ class GelContact:
         count: int,
         sensor: str = "gelsight-mini",
         edge_m: float = 2.5e-3,
+        measures_bias: bool = False,
         friction: float = 0.5,
         loss_s: float = 2e-3,
         device: str = "cpu",
@@ -78,7 +82,8 @@ class GelContact:
             raise ConfigError(f"sensor {sensor}: its pad is a mesh", remedy="take a box or a dome")
         made: dict[str, Any] = {"edge_m": edge_m, "friction": friction, "device": device}
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, **made)
-        self.batch = Batch(model, [indenter], [0] * count)
+        bias = measured_bias(model, gel, [indenter]) if measures_bias else None
+        self.batch = Batch(model, [indenter], [0] * count, bias=bias)
         self._drawing = SurfaceImages(model, indenter, gel, count=count)
         half = wp.vec3d(*gel.pad.half_extents(), gel.pad.height_m)
         ball = wp.vec2d(*_bounding_ball(indenter))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.measured_bias import measured_bias
 from sim.batch.sensor_model import sensor_model
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Indenter
@@ -68,6 +69,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         run: A run's folder, whose measured imperfections are drawn anew in every episode; without
             it only the gel's modulus varies, as the sensor's file has it.
         edge_m: Of the gel's mesh [m].
+        measures_bias: As ``GelContact`` takes it.
         max_episode_steps: An episode is cut off then; None never does.
     """
 
@@ -88,6 +90,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         sensor: str = "gelsight-mini",
         run: str | Path | None = None,
         edge_m: float = _EDGE_M,
+        measures_bias: bool = False,
         device: str = "cpu",
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
@@ -102,7 +105,8 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         )
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, edge_m=edge_m, device=device)
         options = BatchOptions(residual_relative=_RESIDUAL)
-        self.batch = Batch(model, [self.body], [0] * num_envs, options=options)
+        bias = measured_bias(model, gel, [self.body]) if measures_bias else None
+        self.batch = Batch(model, [self.body], [0] * num_envs, options=options, bias=bias)
         self._drawing = None
         if image or render_mode is not None:
             view = replace(

@@ -11,14 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.measured_bias import press_alone
 from sim.batch.sensor_model import sensor_model
 from sim.device import Device
-from sim.error import Tolerance, keeping_corrected
 from sim.optics.surface_images import SurfaceImages
-from sim.press import press
-from sim.scene.indenter import Cylinder, Indenter, Sphere, cylinder_triangles, mesh_indenter, tilted
+from sim.scene.indenter import Cylinder, Indenter, Sphere, cylinder_triangles, mesh_indenter
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Motion, Scene, Target
+from sim.scene.scene import Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.rendering import Row, batch_device
 from tacauchy_rig.core.arrays import FloatArray, IntArray
@@ -274,7 +273,11 @@ def measure_alone(
     pad, bodies = _box(scene), rounded_bodies(count, seed=ALONE_SEED)
     which = np.arange(count, dtype=np.int32)
     _, poses = draw_poses(pad, bodies, count, seed=ALONE_SEED, which=which)
-    found = [_alone(scene, body, pose, tolerance) for body, pose in zip(bodies, poses, strict=True)]
+    found = []
+    for body, pose in zip(bodies, poses, strict=True):
+        depth_m = float(pad.height_at(pose[:1], pose[1:2])[0] - pose[2])
+        own = replace(scene, indenter=body, target=Target(depth_m=depth_m))
+        found.append(press_alone(own, pose[:2], pose[3:], tolerance))
     forces, poses = np.array([force for force, _ in found]), np.array([at for _, at in found])
     for edge_m in edges_m:
         model = sensor_model(pad, scene.material, edge_m=edge_m)
@@ -290,21 +293,6 @@ def measure_alone(
             WITHIN: 1e2 * float((np.abs(off) < _NEAR).mean()),
             HOLDS: 1e2 * float((np.abs(off) < felt.force_error).mean()),
         }
-
-
-def _alone(
-    scene: Scene, body: Indenter, pose: FloatArray, tolerance: float
-) -> tuple[float, FloatArray]:
-    """Return F_z of a press on its own mesh [N], and the pose it ends at."""
-    axis = Rotation.from_quat(pose[3:]).as_matrix()[:, 2]
-    tilt = (-float(np.arcsin(axis[1])), float(np.arctan2(axis[0], axis[2])))
-    depth_m = float(scene.pad.height_at(pose[:1], pose[1:2])[0] - pose[2])
-    own = replace(scene, indenter=body, target=Target(depth_m=depth_m))
-    own = replace(own, centre_m=tuple(pose[:2].tolist()), motion=Motion(tilt_rad=tilt))
-    result = press(keeping_corrected(own, Tolerance(relative=tolerance)))
-    force = result.force_n[2] if result.corrected is None else result.corrected.force_n
-    at = result.point.state.tip - [0.0, 0.0, result.model.contact_options.distance_m]
-    return force, np.concatenate([at, Rotation.from_matrix(tilted(*tilt)).as_quat()])
 
 
 def alone_table(rows: Sequence[Row]) -> Table:

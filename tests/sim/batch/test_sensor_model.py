@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from sim.batch.measured_bias import press_alone
 from sim.batch.sensor_model import Rim, bias_of, edge_of, sensor_model
+from sim.coupling.gel_contact import UNMOVED, GelContact
+from sim.scene.indenter import Sphere
+from sim.scene.scene import Target
+from sim.sensor.sensor import load_sensor
 from tests.sim.batch.test_batch import GEL, PAD
 
 
@@ -22,3 +28,18 @@ def test_a_contact_as_wide_as_an_edge_is_more_off_than_a_wide_one() -> None:
     assert left[0] > left[1]
     assert (finer_left < left).all()
     assert abs(finer[1]) < abs(bias[1])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_measured_bias_leaves_a_coupled_press_within_a_hundredth_of_one_alone() -> None:
+    """F_z of a ball beside the middle is that of a press with a mesh of its own."""
+    ball, gel = Sphere(diameter_m=8e-3), load_sensor("gelsight-mini")
+    scene = gel.scene(ball, Target(depth_m=0.8e-3))
+    force_n, pose = press_alone(scene, np.array([1.3e-3, -2.1e-3]), np.array([0.0, 0.0, 0.0, 1.0]))
+    contact = GelContact(ball, count=1, edge_m=1.25e-3, measures_bias=True, friction=0.0)
+    contact.pads.frames.assign([UNMOVED])
+    contact.objects.frames.assign([pose])
+    contact.press()
+    assert contact.wrench.numpy()[0, 2] == pytest.approx(force_n, rel=0.01)
+    assert contact.force_error.numpy()[0] < 0.06
