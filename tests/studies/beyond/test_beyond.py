@@ -58,7 +58,8 @@ def test_a_wrong_answer_a_long_silence_or_a_crash_misses_the_criterion(deep):
 def test_each_press_has_a_process_and_a_limit_of_its_own():
     """Which end it where its own limit does not."""
     cases = STUDY.cases()
-    assert all(case.is_isolated and case.limit_s < 1e3 for case in cases)
+    longest_s = 6.0 * (60.0 + 2.0 * 60.0)  # the press, and the two that may judge it
+    assert all(case.is_isolated and case.limit_s <= longest_s for case in cases)
     assert len({case.shows for case in cases}) == len(cases)
 
 
