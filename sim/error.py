@@ -64,6 +64,9 @@ _FINER_RIM: _Rule = {**_FINER, Output.PRESSURE: (1.25, 0.125, 0.0)}
 # Linear tetrahedra lock on coarser meshes too, and preset paper has but one: they are held against
 # preset fast's quadratic ones on edges a third longer, which err by this much in one of ten.
 _LINEAR_RATIO, _LINEAR_ERROR = 0.75, 0.12
+# Larger changes are no longer a sign of how the error falls: where a gel slips past a sharp rim in
+# jumps, each mesh jumps at another depth. There the whole change is stated.
+_FITTED = {Output.FORCE: 0.25, Output.DEPTH: 0.15}
 _OF_THE_MESH = {Effect.SYMMETRY, Effect.LOCKING_FREE_ELEMENT}
 
 
@@ -151,7 +154,7 @@ def estimate_from(
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
     relative = {}
     for output in Output:
-        slope, rest, share = rule[output]
+        slope, (_, rest, share) = _slope_of(rule, output, changes), rule[output]
         of_the_mesh = slope * changes[output] + rest / refinement**2 + share * gap
         relative[output] = of_the_mesh + plan.left_out(output)
     if scene.contact is ContactMode.FRICTIONLESS:
@@ -162,7 +165,7 @@ def estimate_from(
         share = found.stiffness_n_m * found.depth_m / float(found.force_n[2])
         relative[Output.FORCE] = max(1.0, share) * relative[Output.DEPTH]
     judged = guaranteed(scene)
-    slope, rest, _ = rule[judged]
+    slope, rest = _slope_of(rule, judged, changes), rule[judged][1]
     basis = (
         f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
         f"{changes[judged]:.2%}; {slope:g} times that and {rest / refinement**2:.2%}"
@@ -172,6 +175,12 @@ def estimate_from(
         relative=relative,
         basis=f"{basis}, {omitted:.2%} for effects left out" if omitted else basis,
     )
+
+
+def _slope_of(rule: _Rule, output: Output, changes: dict[Output, float]) -> float:
+    """Return which share of an output's change is its error."""
+    is_fitted = changes[output] <= _FITTED.get(output, math.inf)
+    return rule[output][0] if is_fitted else max(1.0, rule[output][0])
 
 
 def _fast(refinement: float) -> Setting:

@@ -47,12 +47,14 @@ def beside(found: PressOutputs, force_ratio: float) -> CoarsePress:
 
 
 def test_an_estimate_grows_with_what_longer_edges_change(found: PressOutputs) -> None:
-    """Nothing but a rest where nothing changes; a share of the change on top."""
-    none, some = (estimate_from(SCENE, PLAN, found, beside(found, k)).force for k in (1.0, 1.1))
-    assert none is not None
-    assert some is not None
+    """Nothing but a rest where nothing changes; a share of the change on top; of a large one all."""
+    none, some, all_of_it = (
+        estimate_from(SCENE, PLAN, found, beside(found, k)).relative[Output.FORCE]
+        for k in (1.0, 1.1, 1.4)
+    )
     assert none > 0.0
     assert 0.005 <= some - none <= 0.1
+    assert all_of_it - none == pytest.approx(0.4)
     assert "edges 2 times as long change the force by 10.00%" in (
         estimate_from(SCENE, PLAN, found, beside(found, 1.1)).basis
     )
