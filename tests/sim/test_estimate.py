@@ -47,7 +47,7 @@ def beside(found: PressOutputs, force_ratio: float) -> CoarsePress:
 
 
 def test_an_estimate_grows_with_what_longer_edges_change(found: PressOutputs) -> None:
-    """Nothing but a rest where nothing changes; a share of the change on top; of a large one all."""
+    """Nothing but a rest where nothing changes; on top a share of the change, or all of it."""
     none, some, all_of_it = (
         estimate_from(SCENE, PLAN, found, beside(found, k)).relative[Output.FORCE]
         for k in (1.0, 1.1, 1.4)
