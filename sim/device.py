@@ -1,7 +1,5 @@
 """Arrays and kernel launches on one Warp device, and what Warp logs."""
 
-from __future__ import annotations
-
 import ctypes.util
 import logging
 import os

@@ -1,7 +1,5 @@
 """Warp kernel of the product of a dense matrix with many vectors, on a GPU's tensor cores."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

@@ -15,8 +15,6 @@ to 24 on 9DTact; what remains was, for 19 forces of 20. It is not within 1 %: by
 bench --part unlike`` gives the share within.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple

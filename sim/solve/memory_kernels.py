@@ -7,8 +7,6 @@ What the loops need of s . y between is kept as a small matrix. A block of threa
 environment; on the CPU it is one thread.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.device import native_code
