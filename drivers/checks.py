@@ -1,7 +1,5 @@
 """Checks that every device is present, ready and fast enough; nothing moves or is set."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -10,8 +10,6 @@ raises ``NotConformingError``, an ``AssertionError``, where a rule is broken. In
 The arm is moved by millimetres, upwards first: hang it free, with nothing above it.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

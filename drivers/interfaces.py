@@ -4,8 +4,6 @@ No call of a device blocks longer than its stated deadline. Reads return what ha
 whether that is too old is judged by age, never by waiting.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

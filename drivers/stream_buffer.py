@@ -1,7 +1,5 @@
 """Buffer of a reader thread: samples, counts and the final error; lock of a device."""
 
-from __future__ import annotations
-
 import glob
 import math
 import os

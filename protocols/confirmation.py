@@ -1,7 +1,5 @@
 """Confirmation by the operator before a real arm moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -12,8 +12,6 @@ holds for 19 of 20 scenes. Richardson extrapolation (1911) from the coarser load
 improve scenes that were left out: the meshes are not nested, and the barrier's width is bounded.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 
 from sim.effects.effect_plan import EffectPlan

@@ -1,7 +1,5 @@
 """Arrays and kernel launches on one Warp device, and what Warp logs."""
 
-from __future__ import annotations
-
 import ctypes.util
 import logging
 import os
@@ -10,6 +8,8 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,30 @@ def constant_table(values: NDArray[np.float64]) -> Any:
     def entry(i: wp.int32) -> wp.float64: ...  # type: ignore[empty-body]
 
     return entry
+
+
+@cache
+def _snippets(package: str) -> dict[str, str]:
+    files = [file for file in resources.files(package).iterdir() if file.name.endswith(".cu")]
+    text = "\n".join(file.read_text("utf-8") for file in files)
+    return dict(re.findall(r"^// snippet (\w+)\n(.*?)(?=^// snippet |\Z)", text, re.M | re.S))
+
+
+def native_code(package: str, name: str, **words: object) -> str:
+    """Return a snippet of a package's CUDA files, for ``warp.func_native``.
+
+    Args:
+        package: Its ``*.cu`` files hold snippets, each below a line ``// snippet NAME``; a line
+            ``// include NAME`` stands for another one.
+        name: Which snippet.
+        words: What replaces words of it.
+    """
+    code = _snippets(package)[name]
+    while found := re.search(r"^ *// include (\w+)\n", code, re.M):
+        code = code.replace(found[0], _snippets(package)[found[1]])
+    for word, value in words.items():
+        code = re.sub(rf"\b{word}\b", str(value), code)
+    return code
 
 
 @wp.func

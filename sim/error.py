@@ -17,8 +17,6 @@ under balls and rims, on every preset. d counts by the share of mu that is left:
 mesh changes the shear, and without friction there is none.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

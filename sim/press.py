@@ -1,7 +1,5 @@
 """One simulated press: from a scene to forces, contact and their estimated errors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import nullcontext

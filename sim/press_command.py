@@ -1,7 +1,5 @@
 """A scene from the words of ``tacauchy-rig press``."""
 
-from __future__ import annotations
-
 import shlex
 from dataclasses import replace
 from typing import Any

@@ -6,8 +6,6 @@ depths, from these the gel's modulus, and the stiffer gel is pressed on from the
 with a step to each force.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

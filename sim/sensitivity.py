@@ -4,8 +4,6 @@ A tilt towards x is positive where the axis, from the tip upwards, points toward
 the same angle about +y. One towards y is a rotation by minus that angle about x.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from collections.abc import Sequence

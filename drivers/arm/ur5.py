@@ -1,7 +1,5 @@
 """A UR5 arm (CB3 or e-Series) driven through ur_rtde."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

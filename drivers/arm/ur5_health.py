@@ -1,7 +1,5 @@
 """Whether an arm still counts as ours: data fresh, connection whole, program running, no stop."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

@@ -4,8 +4,6 @@ The first loss (old data, a broken connection, an ended program, a missed deadli
 every later call raises it again.
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 import os

@@ -4,8 +4,6 @@ ur_rtde's constructors hold Python's interpreter lock and wait for ever for data
 come. So everything that can be wrong is looked for here first, over ordinary sockets.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import struct

@@ -4,8 +4,6 @@ Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide". The driver's p
 emulated controller share this file; that it is right is shown by the real client library.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from enum import IntEnum, IntFlag

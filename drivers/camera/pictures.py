@@ -1,7 +1,5 @@
 """What a JPEG shows cheaply: that it is whole, its size, whether it is overexposed, a touch."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import cv2

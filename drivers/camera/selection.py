@@ -1,7 +1,5 @@
 """Which camera is meant by ``camera.device`` where several are connected."""
 
-from __future__ import annotations
-
 import os
 import socket
 from dataclasses import dataclass, replace

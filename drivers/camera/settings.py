@@ -4,8 +4,6 @@ OpenCV hands over the camera's own bytes in two ways: V4L2 for a camera, FFMPEG 
 URL.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ with OpenCV and a preloaded library that plays a camera, not with a camera; most
 URL way.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

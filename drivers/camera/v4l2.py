@@ -4,8 +4,6 @@ OpenCV streams from a camera but cannot list what it offers. The numbers are tho
 ``linux/videodev2.h``; a test compares them with a compiler's.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -4,8 +4,6 @@ A fault is written ``device:kind[=amount][@start][+duration]``, for example
 ``force_sensor:freeze@12s+2s`` or ``force_sensor:scale=0.1@3s``.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

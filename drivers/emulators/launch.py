@@ -1,7 +1,5 @@
 """Start emulated devices as processes of their own and say where they answer."""
 
-from __future__ import annotations
-
 import logging
 import os
 import random

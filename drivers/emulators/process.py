@@ -4,8 +4,6 @@ Inside there are settings, pickled on the command line, one JSON line when the d
 the faults that it is told of, and the word to end.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """Weigh what an operator hangs on the force sensor; nothing else is connected, nothing moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from enum import StrEnum

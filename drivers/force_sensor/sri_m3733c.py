@@ -5,8 +5,6 @@ and on what is acknowledged: both names are tried, and a missing acknowledgement
 identity's settings instead of being an error. What counts is that valid frames arrive.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

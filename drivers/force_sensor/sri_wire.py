@@ -20,8 +20,6 @@ The SUM form is checked against the example in the manual. The CRC32 form is unc
 length is documented, so the common CRC-32 of bytes 6-29, little-endian, is assumed here.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct

@@ -3,8 +3,6 @@
 Whatever a step waits for, it waits by turning this cycle, so nothing ever waits unguarded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

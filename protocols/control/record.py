@@ -1,7 +1,5 @@
 """What the control loop hands over to be kept, entry by entry, and where it hands it to."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

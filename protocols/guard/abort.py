@@ -1,7 +1,5 @@
 """A person's request to stop, from wherever it comes: signals, keys, the loss of the terminal."""
 
-from __future__ import annotations
-
 import logging
 import math
 import os

@@ -1,7 +1,5 @@
 """A limit that was passed, and what the arm may still do about it."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from tacauchy_rig.core.errors import AbortedError, RigError, SafetyError

@@ -1,7 +1,5 @@
 """How deep the tip may go: in the search for the gel, and below contact in a press."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from protocols.guard.breach import BreachError, Reaction

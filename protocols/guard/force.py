@@ -1,7 +1,5 @@
 """Every force sample against the limits; the guard sees raw samples, never filtered ones."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Streams that went stale, lossy or silent; judged by age, never by waiting."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from drivers.interfaces import StreamHealth

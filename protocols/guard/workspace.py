@@ -1,7 +1,5 @@
 """Where the tip may be, how the tool may point, and whether the arm follows its commands."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -1,7 +1,5 @@
 """Child processes: what each does first and last, and how the supervisor starts and sees it."""
 
-from __future__ import annotations
-
 import errno
 import faulthandler
 import logging

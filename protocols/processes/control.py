@@ -1,7 +1,5 @@
 """The control process: owns the arm, the force sensor, the guard and the protocol."""
 
-from __future__ import annotations
-
 import ctypes
 import logging
 import math

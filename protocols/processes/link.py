@@ -1,7 +1,5 @@
 """A producer's way to the recorder, and control's view of the camera process."""
 
-from __future__ import annotations
-
 import logging
 import math
 import pickle

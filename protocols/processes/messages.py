@@ -1,7 +1,5 @@
 """What the processes of a run send one another, and the channels it goes through."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import select

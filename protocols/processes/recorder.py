@@ -1,7 +1,5 @@
 """The recorder process: takes entries from its producers, writes them, and acknowledges them."""
 
-from __future__ import annotations
-
 import pickle
 import socket
 import sys

@@ -5,8 +5,6 @@ listens in a thread of its own, and a child that stops answering is killed, upon
 own watchdog stops it.
 """
 
-from __future__ import annotations
-
 import logging
 import select
 import threading

@@ -1,7 +1,5 @@
 """Everything that the supervisor keeps for those who watch a run."""
 
-from __future__ import annotations
-
 import logging
 import secrets
 import socket

@@ -1,7 +1,5 @@
 """Standing still and straight moves, watched at every turn."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

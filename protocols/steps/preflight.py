@@ -1,7 +1,5 @@
 """Before a run: off the gel, near home, playing, streams alive; the motion once in the air."""
 
-from __future__ import annotations
-
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact

@@ -6,8 +6,6 @@ follows the gel's relaxation [N/s] and k the secant stiffness seen so far [N/m].
 of delay in the loop K = 2.5/s leaves a factor of four before it oscillates.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterable

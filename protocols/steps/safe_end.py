@@ -1,7 +1,5 @@
 """Making the arm safe after a fault or an abort, and saying where it was left."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

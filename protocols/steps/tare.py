@@ -1,7 +1,5 @@
 """Zeros of the force sensor. Raw force stays raw: a tare is kept beside it."""
 
-from __future__ import annotations
-
 from drivers.force_sensor.known_weight import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction

@@ -1,7 +1,5 @@
 """All trials of a run, in order, each until it passes or its tries are used up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """How long a run still takes: first by its speeds and ways, later by how long its trials took."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

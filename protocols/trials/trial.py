@@ -1,7 +1,5 @@
 """One attempt at a trial, from home to home, and the criteria it is judged by."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Compare a run with its replay: evidence in, judged numbers out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 Floors and ceiling are those of the run's report, and so are the scores.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

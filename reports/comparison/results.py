@@ -1,7 +1,5 @@
 """What a comparison found, and what trials and run must meet, with remedies."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Every sentence is made from the numbers of this run; none is praise. Their words
 ``reports/templates``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

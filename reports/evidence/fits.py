@@ -1,7 +1,5 @@
 """Gel modulus and indenter tilt, fitted to the measured depths, forces and moments of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From a run folder and its replay to the evidence of a report."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

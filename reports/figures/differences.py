@@ -1,7 +1,5 @@
 """Differences of luminance between simulated and real images, and their colours."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import matplotlib as mpl

@@ -1,7 +1,5 @@
 """Force and depth, contact pressure, and the uncertainty of the predicted force."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import cycle

@@ -1,7 +1,5 @@
 """Real, simulated and difference images (the paper's trial figure), and the scores of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from string import ascii_lowercase

@@ -1,7 +1,5 @@
 """``report.html``: one file without any link, made from ``summary.json`` and the figures."""
 
-from __future__ import annotations
-
 import base64
 import re
 from collections import Counter

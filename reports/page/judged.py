@@ -1,7 +1,5 @@
 """``judged.json`` and ``judged.html``, with its figure: simulators compared with one another."""
 
-from __future__ import annotations
-
 import json
 import textwrap
 from collections.abc import Mapping, Sequence

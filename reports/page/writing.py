@@ -1,7 +1,5 @@
 """Write a report: figures, images, ``summary.json``, and what is made from it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

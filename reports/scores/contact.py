@@ -6,8 +6,6 @@ How much of the difference is a shifted pose and a changed light is told beside:
 stand second to the raw ones, and say what was corrected.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,8 +4,6 @@ A score is informative only between its floor (no contact, a flat colour, a wron
 ceiling, which a repeat of the same press reaches.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

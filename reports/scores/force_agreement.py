@@ -5,8 +5,6 @@ construction and the depth is the outcome. Force-predicted: the depth that was m
 off the simulator, so the force is the outcome. Only the second tests the simulator's force.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

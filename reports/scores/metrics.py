@@ -3,8 +3,6 @@
 All take 8-bit images, grey [height, width] or RGB [height, width, 3], and score the whole frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -12,8 +12,6 @@ so that shares and |rest|^2 add up to |R|^2. A share is below zero where a cause
 another does too much.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum

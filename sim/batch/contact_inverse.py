@@ -1,7 +1,5 @@
 """The inverse that serves any contact: the undeformed gel's, corrected for the touching nodes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

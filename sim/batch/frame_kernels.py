@@ -4,8 +4,6 @@ An environment goes from the pose of one frame to the next in parts, each a desc
 It goes on as soon as it has arrived, whatever the others do.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.contact.contact_kernels import GripArrays

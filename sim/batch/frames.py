@@ -1,7 +1,5 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

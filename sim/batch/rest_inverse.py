@@ -8,8 +8,6 @@ leaves the cores idle for so few columns; here each warp feeds them from a matri
 for them once.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

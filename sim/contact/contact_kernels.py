@@ -32,8 +32,6 @@ anything resists along the surface, so that none carries what it does not need. 
 [environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

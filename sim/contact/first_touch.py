@@ -1,7 +1,5 @@
 """Where indenters first touch a resting gel, for many of them at once."""
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
 

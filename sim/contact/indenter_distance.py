@@ -4,8 +4,6 @@ Kernels are compiled for analytic bodies and, when the first mesh is pressed, fo
 carry nothing of its search.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import lru_cache
 from typing import Any

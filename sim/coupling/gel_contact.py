@@ -7,8 +7,6 @@ step, so that steps of up to 2 ``loss_s`` are stable for light objects too; with
 is shorter than 2 sqrt(m / k), with the object's mass m and the gel's stiffness k (about 1 N/mm).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

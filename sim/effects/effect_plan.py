@@ -3,8 +3,6 @@
 ``sim.effects.plan`` tries the effects that stay open on coarse meshes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

@@ -4,8 +4,6 @@ The last two are bounds of engineering kind, each with the range in which it was
 presses (``tacauchy-rig effects-check --random``).
 """
 
-from __future__ import annotations
-
 import math
 
 from sim.scene.indenter import Cylinder, Sphere

@@ -6,8 +6,6 @@ pad all around, and a pad with a known outline. Everything else gets a mesh of i
 fine where the indenter's footprint has its edge.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum

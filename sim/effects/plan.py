@@ -10,8 +10,6 @@ tried like the others, and inertia, which a press in time alone could tell, is o
 several equilibria, nothing is left out: what is small chooses between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Presets: which element and mesh a scene gets."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 from sim.contact.contact_surface import ContactOptions

@@ -6,8 +6,6 @@ is found on the scene's own mesh by one descent, from the other mesh's displacem
 friction, from where its points hold on (nested iteration).
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -6,8 +6,6 @@ is off by within its face, a tenth of a micrometre, is a tenth of the slip lengt
 traction. Gathered at vertices these parts cancel, while sums stay what they are.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ is touched and what is not smears both. The more of its own faces is touched, th
 that are not touched count at a node. A node none of whose faces is touched carries nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

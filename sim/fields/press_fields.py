@@ -1,7 +1,5 @@
 """What a press leaves behind: the surface for the optics, arrays for a npz file, a VTU file."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass

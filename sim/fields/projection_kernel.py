@@ -1,7 +1,5 @@
 """Warp kernel that projects the elements' stress onto the surface (paper, Algorithm 1, Eq. 5-7)."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

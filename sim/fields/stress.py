@@ -6,8 +6,6 @@ their faces. Its L2 projection onto functions that are linear between the vertic
 the two is the error estimate of Zienkiewicz and Zhu (1987) for the elements' stress.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The gel on a device: its elastic energy with gradient, Hessian and stress, by one law."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any

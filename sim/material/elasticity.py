@@ -3,8 +3,6 @@
 One set of kernels a law; every element order runs through them.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

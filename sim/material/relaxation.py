@@ -15,8 +15,6 @@ one, the slow modulus; for dt far below, 1/(1 - sum g), the instantaneous one. S
 relax alike: Poisson's ratio stays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ are left out. Kernels add 3 x 3 blocks of the upper triangle; one gather turns t
 CSR data that solvers take.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

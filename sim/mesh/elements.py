@@ -5,8 +5,6 @@ Node order follows VTK: corners 0-3, then the edges 01, 12, 20, 03, 13, 23. Quad
 straight-sided at rest, so one inverse Jacobian serves all their points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

@@ -12,8 +12,6 @@ several per cent of the force. And an element that the rim of a punch crosses ac
 were wider.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

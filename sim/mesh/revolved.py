@@ -9,8 +9,6 @@ on a level are those of both sides, and a convex layer's Delaunay triangulation 
 outline, so the two fit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

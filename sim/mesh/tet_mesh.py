@@ -1,7 +1,5 @@
 """Tetrahedral meshes of a pad: mirror symmetry, the type, its checks, and the files of meshes."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Iterator

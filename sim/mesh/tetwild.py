@@ -1,7 +1,5 @@
 """Fills pads by fTetWild: their closed surfaces, and the paper's sizing field of section III-A."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import subprocess

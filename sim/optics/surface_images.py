@@ -1,7 +1,5 @@
 """Images and markers of many pressed gels, from the nodes that a solver holds on its device."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The gel's material as data: elastic constants, law, relaxation; layers, and where they meet."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Five bodies to press into a gel, from sharp edges to smooth curves, made from their formulas."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from typing import Any

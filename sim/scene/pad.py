@@ -1,7 +1,5 @@
 """Pads as data: a box, a disc, a box with a domed top, or any closed surface on a flat base."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path

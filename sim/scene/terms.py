@@ -1,7 +1,5 @@
 """Pads, layers and indenters as text: ``box:20.75x25.25x4.5mm``, ``cylinder:diameter=5mm``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType

@@ -7,8 +7,6 @@ two faces. What lies within ``rounding`` of the triangles belongs to a body, so 
 round.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any

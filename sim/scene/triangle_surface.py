@@ -5,8 +5,6 @@ normal of a face, the sum of two faces' normals on an edge, and the normals weig
 angles at a vertex (Baerentzen and Aanaes 2005).
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 from dataclasses import dataclass, replace

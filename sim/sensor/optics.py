@@ -1,7 +1,5 @@
 """How a sensor shows its gel: ``[optics]`` and ``[[lamps]]`` of its file, read by a renderer."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ of threads has one environment, so that sums are known to all; on the CPU it is 
 code has no membership test.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

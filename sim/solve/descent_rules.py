@@ -3,8 +3,6 @@
 The rules are those of ``sim.solve.equilibrium``.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 import warp as wp

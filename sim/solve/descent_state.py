@@ -1,7 +1,5 @@
 """What the descents to equilibrium keep of every environment, on their device."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 import warp as wp

@@ -4,8 +4,6 @@ They share a pad and an indenter; material, friction, pose and load are each one
 on the device; an environment runs until it is done or asks the host for something.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Protocol
 

@@ -24,8 +24,6 @@ steps as soon as the residual is small, and has to stand still at the end. What 
 pressure: points that have come to touch take hold once the steps have ended.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -6,8 +6,6 @@ the height z of the indenter is one more unknown, and F z is added to the energy
 border the stiffness matrix, so that one factorisation and one more solution serve both.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import logging

@@ -14,8 +14,6 @@ Inertia is therefore shared in proportion to the diagonal of the consistent mass
 Rock, Zienkiewicz 1976), which is positive.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

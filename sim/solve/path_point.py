@@ -1,7 +1,5 @@
 """Equilibria on a loading path, and the state that they predict for the next one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

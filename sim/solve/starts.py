@@ -11,8 +11,6 @@ fits the nodes to all of them, again and again: the local and global steps of So
 (2007). It knows neither the law nor the indenter and ends near a state from which both are easy.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

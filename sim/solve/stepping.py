@@ -4,8 +4,6 @@ A phase moves the indenter along one growing or falling parameter. A step starts
 prediction of the points before it, or from the tangent's, and is cut where it fails.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import time

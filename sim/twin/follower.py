@@ -1,7 +1,5 @@
 """A simulated press that follows a real one: to each new force or depth from where it stands."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Array types of the whole program; shapes and units stand in docstrings."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

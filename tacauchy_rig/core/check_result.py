@@ -1,7 +1,5 @@
 """What one check of ``doctor`` found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Errors shown to a person: each names the field, the value with its unit, and the remedy."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager

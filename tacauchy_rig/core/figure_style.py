@@ -3,8 +3,6 @@
 IEEE column widths, Times-like type, and colours that survive colour-blind eyes and grey print.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

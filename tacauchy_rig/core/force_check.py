@@ -4,8 +4,6 @@ Every force of a run comes from the cell. A wrong range, unit or sign does not s
 weight is the only independent check before the first press.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Force over depth of one indenter in one gel, as the simulator gives it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self

@@ -13,8 +13,6 @@ Generalised least squares (A. C. Aitken, "On least squares and linear combinatio
 1936) joins them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

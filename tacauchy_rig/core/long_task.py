@@ -4,8 +4,6 @@ Callers limit the time and listen; what computes says what it does and asks, far
 is left. Both hold for the thread that began them.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -1,7 +1,5 @@
 """Pages of Markdown: prose from a template, tables, and what was measured with its criteria."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Work in other processes: a parallel map, one worker, and a worker that may hang or crash."""
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

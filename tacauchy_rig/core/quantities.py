@@ -3,8 +3,6 @@
 SI is used everywhere inside; conversion happens here, at configuration, wire and figure.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

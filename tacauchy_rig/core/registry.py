@@ -6,8 +6,6 @@ points, in the same form: so a source tree works without being installed again, 
 imported before it is asked for. The names in the table cannot be taken by another package.
 """
 
-from __future__ import annotations
-
 import json
 from enum import StrEnum
 from importlib.metadata import EntryPoint, entry_points

@@ -1,7 +1,5 @@
 """Images as RGB or grey, uint8: the one decoder and encoder of JPEG and PNG."""
 
-from __future__ import annotations
-
 import struct
 from enum import StrEnum
 

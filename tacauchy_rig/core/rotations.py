@@ -4,8 +4,6 @@ scipy's Rotation takes 0.1 ms for one, of a cycle's 2, and as long to import as 
 emulator needs.
 """
 
-from __future__ import annotations
-
 import math
 
 from tacauchy_rig.core.run import Vector3

@@ -1,7 +1,5 @@
 """Simulators' outputs for a run's presses, and our replay. All SI."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A table of what was measured: for a page, for a terminal and as JSON, from one description."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One thread for NumPy and SciPy: their matrices are small, and threads that wait burn time."""
 
-from __future__ import annotations
-
 import os
 
 # Read by OpenBLAS when it is loaded, the first of them that is set; NumPy and SciPy bring it.

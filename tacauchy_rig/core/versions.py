@@ -1,7 +1,5 @@
 """Versions of everything that a result depends on, and the machine that it was made on."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

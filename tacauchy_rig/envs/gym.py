@@ -4,8 +4,6 @@ An arm moves a rigid body on a sensor's gel by small displacements, 20 a second.
 module registers the environments of ``gym_tasks``.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Imperfections of a real sensor, measured in a recorded run, for environments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tasks of touch: reach a force, find an edge, estimate the pose of a held peg."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, ClassVar
 

@@ -3,8 +3,6 @@
 ``python -m tacauchy_rig.envs.mujoco`` drops a ball on a gel and prints wrench over weight.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 ``python -m tacauchy_rig.envs.newton`` drops balls on pads and prints wrench over weight.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from fnmatch import fnmatchcase

@@ -1,7 +1,5 @@
 """What an emulated UR controller knows of itself: power, safety, registers, motion, force."""
 
-from __future__ import annotations
-
 import math
 import random
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 It prints one JSON line when its ports are open, then serves until it is told to end.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import select

@@ -1,7 +1,5 @@
 """The ports of an emulated controller: RTDE, dashboard lines and program upload."""
 
-from __future__ import annotations
-
 import re
 import socket
 import struct

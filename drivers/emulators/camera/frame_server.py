@@ -5,8 +5,6 @@ answers what a program asks of the kernel; frames come from here. A device is on
 describes what it offers; programs open it as ``/dev/video0``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

@@ -4,8 +4,6 @@ The process prints one JSON line with its URL or path. Frames are captured on ab
 leave the camera's latency later.
 """
 
-from __future__ import annotations
-
 import logging
 import random
 import sys

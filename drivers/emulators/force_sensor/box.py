@@ -4,8 +4,6 @@ It prints one JSON line with the path of its port when that can be opened, and c
 ``force_trace.jsonl``: for each frame its number, moment, true force and true depth.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import math

@@ -7,8 +7,6 @@ robot was told to press; the true place differs by the emulated world's pose err
 Without noise the same presses tell what a calibration found: the emulator's own colours.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterator

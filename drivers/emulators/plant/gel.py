@@ -1,7 +1,5 @@
 """The gel as a plant: pose of the indenter in, wrench and surface out."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

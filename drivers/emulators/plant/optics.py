@@ -9,8 +9,6 @@ turns light into grey levels. Nothing here is fitted to images, and nothing is a
 slopes: a calibration has to find out for itself.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Nine-node mesh of a disc of gel in the (r, z) half-plane, fine where a tip presses it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Every pixel looks its relief up; shadows of a dent, the paint's texture and the 
 dim it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

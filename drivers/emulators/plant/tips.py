@@ -1,7 +1,5 @@
 """Rigid tips of revolution as distance functions, lowest point at the origin, body at z >= 0."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

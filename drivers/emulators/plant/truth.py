@@ -1,7 +1,5 @@
 """What the emulated world is really like, drawn from a seed; only a report may look at it."""
 
-from __future__ import annotations
-
 import json
 import zlib
 from dataclasses import asdict, dataclass, field

@@ -1,7 +1,5 @@
 """The page's process: hears feeds and supervisor, serves the page, and can do nothing but stop."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

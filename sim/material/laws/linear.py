@@ -6,8 +6,6 @@
 Not objective: rotations of more than a few degrees give spurious stress.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.material.laws.tangent import Law, Tangent, lame

@@ -9,8 +9,6 @@ shrinks to the stretch s that solves mu = lambda s (1 - s^3), 4 % per axis at nu
 nu = 0.48, and a clamped one is pulled in at its sides and top.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.material.laws.tangent import Law, Tangent, cofactor, lame

@@ -8,8 +8,6 @@ with I = tr F^T F and J = det F. P(1) = 0 and the tangent at rest is Hooke's law
 printed Eq. 2 does not give: that one has P(1) = mu 1.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.material.laws.tangent import Law, Tangent, cofactor, lame

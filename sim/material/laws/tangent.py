@@ -10,8 +10,6 @@ with G = F, C = cof F, a = 2 psi_I, b = 4 psi_II, c = 2 psi_IJ, d = psi_JJ, e = 
 w x v. The linear law is the same form at G = C = 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Calibration of the photometric model, and of the no-contact frame, from ball presses."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

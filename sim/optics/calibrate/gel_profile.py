@@ -7,8 +7,6 @@ frames the whole image may drift. The first two are one distance and one factor 
 others are found of each press from its own markers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ for shadows of the lamps that the sensor's file names, and the model is fitted a
 without those.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

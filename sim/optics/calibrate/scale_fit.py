@@ -4,8 +4,6 @@ Targets are flat: ChArUco boards, ArUco grids and grids of dots, written as text
 ``charuco:columns=8,rows=6,square=2mm,marker=1.5mm``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace

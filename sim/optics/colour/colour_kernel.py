@@ -1,7 +1,5 @@
 """Warp kernels of the change of light that a surface brings, a block of pixels in each thread."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

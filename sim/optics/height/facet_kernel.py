@@ -6,8 +6,6 @@ it, so neighbours meet with one slope. Reference: Clough and Tocher 1965; Lai an
 Functions on Triangulations, 2007, section 6.3. Quadratic surfaces are reproduced exactly.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

@@ -14,8 +14,6 @@ eighths: its six nodes, six more on each edge, and 21 inside. Which faces are st
 every press; the tables serve whichever are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache

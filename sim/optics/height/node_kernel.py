@@ -4,8 +4,6 @@ Every kernel's first index is the environment. A part is a face, or one of the s
 face; which of them there are, ``steep`` says.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

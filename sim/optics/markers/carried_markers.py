@@ -1,7 +1,5 @@
 """Markers on a gel: points that the simulated surface carries, seen, and printed over images."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """Warp kernels of points on gels' surfaces: where they are carried, and where they are seen."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

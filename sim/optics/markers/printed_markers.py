@@ -5,8 +5,6 @@ has the markers of this very unit, blurred as its camera blurs them, over gel li
 pattern that is darker than the gel is found: grids, irregular dots, dense speckles.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

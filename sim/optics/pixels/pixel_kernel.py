@@ -11,8 +11,6 @@ and a row of room above and below. A sample (a, c) of a pixel lies in a plane of
 pixels the block lies further right, less those of room.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

@@ -4,8 +4,6 @@ Shadows are found in sweeps from a lamp, along rays that part from it: step by s
 ray by ray. Samples lie in blocks as ``pixel_kernel`` says.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

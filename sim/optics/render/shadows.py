@@ -9,8 +9,6 @@ Seen from the camera a pressed gel bulges towards it; a lamp that grazes the gel
 behind it dark.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

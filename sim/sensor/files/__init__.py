@@ -1,7 +1,5 @@
 """Sensors as data: one TOML file each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 DIGIT = Path(__file__).with_name("digit.toml")

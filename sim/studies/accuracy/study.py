@@ -1,7 +1,5 @@
 """The study of accuracy against time: one press with many settings, and what tolerances keep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, partial

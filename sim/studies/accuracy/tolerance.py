@@ -4,8 +4,6 @@
 method was made. Both ten have the same tolerances. ``scenes.toml`` states them.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """One scene pressed in frames and timed: alone, or in many environments of a batch."""
 
-from __future__ import annotations
-
 import shlex
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What a replay takes, and an image: one at a time on the processor, many at once on a GPU."""
 
-from __future__ import annotations
-
 import resource
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The benchmark's scenes: what is pressed, in which manner, and what forces are compared with."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field

@@ -1,7 +1,5 @@
 """Unlike indenters at unlike poses and on unlike paths in one batch: their time, their forces."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The effects study: scenes, stated or drawn, under their plans and with everything on."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import time

@@ -1,7 +1,5 @@
 """Cases 6, 9, 10 and 11: time steps, stick and slip, impacts, and a pad turned half round."""
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np

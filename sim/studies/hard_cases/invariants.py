@@ -1,7 +1,5 @@
 """Cases 1, 2, 12, 14, 15, 18, 19: odd starts, other units, no contact, balance, repetition."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the hard cases share: an outcome, and small pads: coarse, deterministic, quick."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

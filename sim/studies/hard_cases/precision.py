@@ -9,8 +9,6 @@ The gap is a difference of coordinates and carries their rounding, some tenths o
 barrier distance is therefore part of the case: judged is 10 um; that of a scene, 1 um, is reported.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

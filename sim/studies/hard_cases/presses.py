@@ -1,7 +1,5 @@
 """Cases 4, 7, 8, 16 and 17: slivers and stiff layers, deep presses, and places of a press."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """The hard cases: what a solver may break on, each with a criterion and what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The contact modes of the paper's figures, run and held against what each should look like."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """Five objects pressed into sensors, and what their cameras would see: presses, figure, page."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence

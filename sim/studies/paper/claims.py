@@ -1,7 +1,5 @@
 """What the paper states, the rules that ours is judged by, and whether it agrees with itself."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

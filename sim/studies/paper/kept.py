@@ -1,7 +1,5 @@
 """What is kept among the benchmarks: frames a second of a GPU, and scores of reported runs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

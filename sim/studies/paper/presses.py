@@ -1,7 +1,5 @@
 """The paper's model as it states it, pressed beside ours, and the numbers of its mesh's table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any

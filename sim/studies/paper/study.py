@@ -1,7 +1,5 @@
 """The study of the paper: its model pressed here, and every number of it beside ours."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field

@@ -1,7 +1,5 @@
 """The simulator against solutions and measurements that it did not make."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial

@@ -1,7 +1,5 @@
 """What a press must keep: balance, continuity, and F_z whatever the barrier or place."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise

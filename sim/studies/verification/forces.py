@@ -1,7 +1,5 @@
 """F_z against exact solutions, axisymmetric ones, finer meshes and one real press."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

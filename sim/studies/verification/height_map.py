@@ -4,8 +4,6 @@
 ``reference`` and keeps their heights; without names, all of them. It takes a quarter of an hour.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from importlib import resources

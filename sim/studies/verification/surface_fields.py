@@ -1,7 +1,5 @@
 """Pressure and shear on the surface against exact solutions, over the whole contact."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

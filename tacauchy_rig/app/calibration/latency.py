@@ -1,7 +1,5 @@
 """How late force and image are, from a press that sways: the shift of depth that explains them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

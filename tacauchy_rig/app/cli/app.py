@@ -1,7 +1,5 @@
 """The ``tacauchy-rig`` program: commands, and the one place where errors become exit codes."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import sys

@@ -1,7 +1,5 @@
 """``tacauchy-rig config``: show values with their origin, and write an example."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer

@@ -1,7 +1,5 @@
 """``doctor`` and ``check-press``: faults of computer, devices and gel, and their remedies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer

@@ -1,7 +1,5 @@
 """The emulated sensor of a sensor's file, and its calibration from ball presses."""
 
-from __future__ import annotations
-
 import math
 import os
 from concurrent.futures import BrokenExecutor, Executor, Future

@@ -1,7 +1,5 @@
 """Checks of the computer itself: versions, timer, cores, memory, groups, disk."""
 
-from __future__ import annotations
-
 import grp
 import os
 import platform

@@ -4,8 +4,6 @@ Messages are stamped and logged as their samples arrived. Joints are of the tip,
 position is the pose, velocity the tip's, effort the wrench that the arm itself felt.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The presses of a sweep as episodes: one sample before contact and one pressed, a second apart."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """A press as every format takes it, and the ``import.toml`` that lets ``import`` take it back."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

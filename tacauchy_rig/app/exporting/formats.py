@@ -1,7 +1,5 @@
 """The formats that can be written, and what each takes."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -11,8 +11,6 @@ sample a press under one key; ``rest`` is the newest image without contact, ``pr
 one of the dwell.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import tarfile

@@ -5,8 +5,6 @@ deep a point of the gel lies in the body. A gel is no such foundation: neighbour
 law c (d / H)^n is the one whose forces are nearest to those of finite elements under balls.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run as CSV files and images."""
 
-from __future__ import annotations
-
 import csv
 import logging
 from collections.abc import Iterable, Iterator, Mapping

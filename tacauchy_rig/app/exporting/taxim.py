@@ -5,8 +5,6 @@ for each bin of slope (arctan of it, 0 to pi/2) and of its direction (-pi to pi)
 indentation, creases and shadows: the tables are those of gel that is not pressed in.
 """
 
-from __future__ import annotations
-
 import json
 import pprint
 from pathlib import Path

@@ -4,8 +4,6 @@ The gel's physics follow the proposed schema of deformables, as newton's importe
 API names are not registered in USD itself yet, so they are written into the prims' metadata.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

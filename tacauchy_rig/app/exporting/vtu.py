@@ -1,7 +1,5 @@
 """A time series for ParaView: VTU files, and the PVD that lists them. Times count states."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A gel that hardens or tears changes its force at a depth. Light that fades and a
 change the image. No simulator is involved.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

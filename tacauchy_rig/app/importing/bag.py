@@ -4,8 +4,6 @@ Messages are decoded by the definitions that come with the reader: those that a 
 looked at, since the reader would make code of them.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence

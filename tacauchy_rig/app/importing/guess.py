@@ -1,7 +1,5 @@
 """``import FOLDER --init``: an ``import.toml`` of what a folder shows, with reasons."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Images of others as the sensor's camera would have given them: whole, upright, of one size."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

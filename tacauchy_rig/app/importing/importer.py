@@ -1,7 +1,5 @@
 """From a source and its ``import.toml`` to a run folder, as the store writes its own."""
 
-from __future__ import annotations
-
 import shutil
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Forces are compared with Hertz's on a half-space at the stated depth: the base b
 makes it several times stiffer, a wrong unit a hundred or a thousand times.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

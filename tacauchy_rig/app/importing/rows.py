@@ -5,8 +5,6 @@ image, the indenter's place and way, and the cell's forces (Helmut et al., arXiv
 they are published they are pickles, which are never loaded.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The folder that is imported: files and arrays of it, bounded, hashed, never unpickled."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

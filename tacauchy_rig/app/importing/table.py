@@ -5,8 +5,6 @@ line, where readers that guess types (pandas, Polars, pyarrow, DuckDB; 12 to 170
 cell at most, and its Sniffer takes the comma of ``1,5`` for a separator.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

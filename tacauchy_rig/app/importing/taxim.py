@@ -5,8 +5,6 @@ Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame (``f0``), images o
 middle, ``touch_radius``: of its edge [px]). It states neither force nor depth, place, time or ball.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial

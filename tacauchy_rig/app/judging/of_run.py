@@ -4,8 +4,6 @@ The baseline cuts the indenter's own shape into the gel, as simple simulators dr
 next to the indenter, and nothing gives below it.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import time

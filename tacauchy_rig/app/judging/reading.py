@@ -4,8 +4,6 @@ A convention is no defeat: no simulator is wrong by a factor of a thousand in ea
 where all others press. Such outputs are refused by the key that declares their sign or unit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Tilt and place of a run's indenter: found from moments and images, simulated if needed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

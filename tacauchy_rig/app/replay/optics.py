@@ -1,7 +1,5 @@
 """The optics and scale that a run's images are rendered with, and their source."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path

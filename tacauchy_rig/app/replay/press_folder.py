@@ -1,7 +1,5 @@
 """A press of the command line on disk: everything that a replay writes, and what it is made of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

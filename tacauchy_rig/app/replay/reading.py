@@ -1,7 +1,5 @@
 """A run, opened to be read; nothing of the simulator is loaded for that but sensors' files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from reports.evidence.attempt import RunReading

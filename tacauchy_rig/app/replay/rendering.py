@@ -1,7 +1,5 @@
 """What the sensor's camera would see of a replayed trial: image, markers, intermediate states."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

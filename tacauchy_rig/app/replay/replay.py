@@ -1,7 +1,5 @@
 """From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future

@@ -1,7 +1,5 @@
 """The report of a run, made from what was recorded and replayed."""
 
-from __future__ import annotations
-
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.evidence.attempt import RunReading, readable

@@ -4,8 +4,6 @@ Coarse presses with the input one standard uncertainty up and down (GUM 5.1.3, n
 change. Its size is averaged, so that an input at an extremum of the force, such as no tilt, counts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace

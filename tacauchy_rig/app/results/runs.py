@@ -1,7 +1,5 @@
 """What lies in a folder of runs; a damaged run is one of them, and says what is wrong with it."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The server of results: pages made from what lies there, and the files of reports."""
 
-from __future__ import annotations
-
 import asyncio
 from base64 import b64encode
 from collections.abc import Callable, Sequence

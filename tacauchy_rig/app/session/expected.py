@@ -4,8 +4,6 @@ It is made before a session with preset fast and kept in the run's folder. The c
 the force sensor with it.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 

@@ -1,7 +1,5 @@
 """Make a run and press it: every trial without a passed attempt is recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta

@@ -3,8 +3,6 @@
 Every engine calls the same function with the same shards, so that files do not tell engines apart.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """``PLAN.toml`` as it is written, and its presses, checked and named by their content."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """A sweep: what is missing is computed, and what there is becomes a data set."""
 
-from __future__ import annotations
-
 import base64
 import datetime
 import json

@@ -1,7 +1,5 @@
 """Shards of a sweep: pressed as batches, and kept as Parquet with an index."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import resource

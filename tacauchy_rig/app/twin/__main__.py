@@ -1,7 +1,5 @@
 """The twin's process: it follows a run at the lowest priority, and no process waits for it."""
 
-from __future__ import annotations
-
 import logging
 import os
 import select

@@ -1,7 +1,5 @@
 """The twin of a configuration: it follows a run that goes on, or that was recorded."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -1,7 +1,5 @@
 """The process that publishes a run: no other process waits for it, and it takes no requests."""
 
-from __future__ import annotations
-
 import logging
 import os
 import select

@@ -1,7 +1,5 @@
 """Whether a run is shown to Foxglove, Lichtblick or PlotJuggler, and where."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from protocols.processes.messages import ViewerOptions

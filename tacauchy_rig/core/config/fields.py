@@ -1,7 +1,5 @@
 """Field types of the configuration: text with a unit in the file, SI in the program; ranges."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Read ``rig.toml`` over the defaults, check it, and say what is wrong in the file's own words."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import json

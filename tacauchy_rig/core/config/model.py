@@ -3,8 +3,6 @@
 Ranges with their reasons stand in ``ceilings.toml``, rules between keys in ``rules.py``.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Annotated, Literal, Self
 

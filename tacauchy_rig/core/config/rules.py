@@ -1,7 +1,5 @@
 """Rules that tie fields together, and what the file of a real device has to state itself."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
 from urllib.parse import urlsplit

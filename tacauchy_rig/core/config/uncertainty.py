@@ -5,8 +5,6 @@ Each field that ``rig.toml`` leaves out takes a default with its source;
 standard uncertainty a / sqrt(3) (GUM 4.3.7).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ JSON knows no infinities and no NaN. What is read again has them as the text ``"
 (``to_plain``).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

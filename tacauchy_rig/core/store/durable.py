@@ -1,7 +1,5 @@
 """Writing files so that a crash leaves the old or the new one, and saying why it failed."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

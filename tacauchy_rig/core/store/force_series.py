@@ -1,7 +1,5 @@
 """Which trials of a run its force sensor may be believed in, by all that was pressed with it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from tacauchy_rig.core.force_check import ForceCheck

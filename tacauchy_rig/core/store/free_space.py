@@ -1,7 +1,5 @@
 """Is there room for a session? Asked before the arm moves, not found out during a press."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a killed program or a power cut leaves behind is repaired, completed, or set aside."""
 
-from __future__ import annotations
-
 import fcntl
 import heapq
 import math

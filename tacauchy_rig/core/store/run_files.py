@@ -4,8 +4,6 @@ A run holds folders and plain files. A link could lead out of it, a pipe or a de
 whoever opens it, and a file without bound would fill the memory.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

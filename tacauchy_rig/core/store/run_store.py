@@ -1,7 +1,5 @@
 """One run's folder: the only way in and out for results, replays and what the run is."""
 
-from __future__ import annotations
-
 import fcntl
 import io
 import logging

@@ -1,7 +1,5 @@
 """Forces at depths, from recorded runs and from tables of others."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What a fit leads to: the sensor's file with its gel, and the relaxation beside it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

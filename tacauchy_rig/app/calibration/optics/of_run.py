@@ -1,7 +1,5 @@
 """A run of ball presses as what its own optics are calibrated from, and what that gave."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

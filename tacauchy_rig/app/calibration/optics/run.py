@@ -1,7 +1,5 @@
 """From a folder of ball presses to a calibration file, its scores and its figures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace

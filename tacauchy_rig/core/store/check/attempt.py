@@ -1,7 +1,5 @@
 """An attempt's files against their hashes, and its result against journal and recording."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ Journal, description and replays are held against themselves, their hashes and e
 measured of a press is computed again from the raw samples of its recording.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Sequence

@@ -4,8 +4,6 @@ Images are ``foxglove.CompressedImage``, which viewers show as they are. Force, 
 messages are described here; the description travels inside each recording.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from enum import StrEnum

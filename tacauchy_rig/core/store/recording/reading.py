@@ -4,8 +4,6 @@
 the first damaged byte.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -6,8 +6,6 @@ power loses about that second. The file is an MCAP of four topics, described ins
 compression.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib
