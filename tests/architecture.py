@@ -1,7 +1,5 @@
 """The packages of the program and their imports: ``make architecture`` prints their table."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """A replay's model that was made up."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tacauchy_rig.core.simulated import (

@@ -1,7 +1,5 @@
 """A whole run of the mock rig in simulated time, on disk as the processes of a session leave it."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable, Set

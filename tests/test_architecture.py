@@ -1,7 +1,5 @@
 """No import cycles, and names in texts that exist."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import subprocess

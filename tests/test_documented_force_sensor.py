@@ -1,7 +1,5 @@
 """The driver of the how-to page of force sensors is found, and conforms."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import pty

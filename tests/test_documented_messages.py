@@ -1,7 +1,5 @@
 """The messages on the page of troubleshooting are those of the program."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The Python examples of the documentation, run as they are printed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ It is installed beside this one and used from outside the repository, by the com
 public interfaces.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

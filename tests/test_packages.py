@@ -1,7 +1,5 @@
 """The import packages are this project's own."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

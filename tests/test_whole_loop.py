@@ -1,7 +1,5 @@
 """One press through the whole loop: emulated hardware, protocol, replay, report."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Parts of pages made from the program: commands, ``rig.toml``, Python names, packages."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterator

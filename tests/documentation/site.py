@@ -4,8 +4,6 @@ A line ``<!-- made from the program: NAME -->`` of a page becomes what the funct
 ``PARTS`` returns.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pages are short, say no commit and no day, and their links lead somewhere."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the site's build takes from the program names all of it."""
 
-from __future__ import annotations
-
 import tacauchy_rig
 from tacauchy_rig.app.cli.app import COMMANDS
 from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI

@@ -1,7 +1,5 @@
 """The sample of a data set in ``docs/``: it is read, and one of its presses comes out again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

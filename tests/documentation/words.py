@@ -1,7 +1,5 @@
 """Words of the pages that people write, as ``wc -w`` counts them: ``make words``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Devices for the drivers' tests: emulated controllers and force sensors, an MJPEG stream."""
 
-from __future__ import annotations
-
 import http.server
 import json
 import threading

@@ -1,7 +1,5 @@
 """Doctor's look at the devices: what it says of good ones, bad ones and absent ones."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """Mock and emulated devices keep every promise of their interfaces; one that does not is named."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

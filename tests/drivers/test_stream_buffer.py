@@ -1,7 +1,5 @@
 """The queue between a reader thread and the protocol."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,7 +1,5 @@
 """A mock arm: moves in the mock world with a delay and finite acceleration."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Self

@@ -1,7 +1,5 @@
 """All mock devices on one mock world, and a clock that advances only when someone sleeps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

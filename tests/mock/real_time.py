@@ -1,7 +1,5 @@
 """Mocks as the drivers of another package, so that the processes of a run find them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

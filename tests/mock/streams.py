@@ -1,7 +1,5 @@
 """Mock force sensor and camera: samples made as the mock world steps."""
 
-from __future__ import annotations
-
 import functools
 import math
 from abc import ABC, abstractmethod

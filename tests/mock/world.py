@@ -4,8 +4,6 @@ Nothing runs by itself: each device first asks the world to catch up with the cl
 mocks work with a simulated clock and, across processes, with the host's.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """A laboratory in memory for protocol tests: mocks on a simulated clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What is shown before a real arm moves."""
 
-from __future__ import annotations
-
 from protocols.confirmation import confirmation_screen, expected_answer
 from tacauchy_rig.core.config.load import load_config
 

@@ -1,7 +1,5 @@
 """Made-up runs, in memory and on disk: a flat punch whose image, force and depth are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

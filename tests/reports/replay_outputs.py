@@ -1,7 +1,5 @@
 """A replay of made evidence as a simulator's outputs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Presses of the five objects that nobody solved, for figures and pages."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim.optics.height.height_map import HeightMaps

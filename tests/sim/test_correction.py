@@ -1,7 +1,5 @@
 """Forces and depths without the bias of their mesh."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

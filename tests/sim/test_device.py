@@ -1,7 +1,5 @@
 """Devices, GPUs among them, and how kernels are put into modules."""
 
-from __future__ import annotations
-
 import logging
 import pkgutil
 from dataclasses import replace

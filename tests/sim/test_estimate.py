@@ -1,7 +1,5 @@
 """Estimated errors of a press, and the settings that keep a tolerance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

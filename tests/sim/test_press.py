@@ -1,7 +1,5 @@
 """Presses, also with a wide barrier."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes as the words of a press, and back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

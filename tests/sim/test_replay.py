@@ -1,7 +1,5 @@
 """Replay of measured forces, the fields it leaves, and what it says of its error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Coarse presses with a tilted indenter."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``python -m tests.studies NAME``: run one of the studies that validate this program."""
 
-from __future__ import annotations
-
 import typer
 
 from tacauchy_rig.app.cli.app import lazy_group, run_program

@@ -1,7 +1,5 @@
 """The benchmark's scenes for studies that press them otherwise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from sim.studies.bench.scenes import Scenes, all_scenes, drawn_scenes

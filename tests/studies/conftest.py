@@ -1,7 +1,5 @@
 """Tests of the self-validation studies run with the slow ones: no user depends on them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tables of studies on made-up rows: what meets a criterion, and what misses it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

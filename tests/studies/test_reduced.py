@@ -5,8 +5,6 @@ those that take a run; it is replayed truly once. Small forms of the other studi
 folders of the studies.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The names that users import from ``tacauchy_rig``."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The driver with the real ur_rtde against the emulated controller, CB3 and e-Series."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import signal

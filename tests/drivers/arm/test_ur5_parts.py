@@ -1,7 +1,5 @@
 """The driver's parts that need no controller: deadlines, judgement, caps, words."""
 
-from __future__ import annotations
-
 import math
 import signal
 import socket

@@ -1,7 +1,5 @@
 """The probe's diagnoses, each of a controller (or something else) that is really there."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ Each line of the standard input asks for something, as JSON: mostly for one conn
 overrides of the configuration and how many frames to take. The answer is one line of JSON.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import sys

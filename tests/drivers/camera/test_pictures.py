@@ -1,7 +1,5 @@
 """What is told about a JPEG cheaply: whether it is whole, its size, and too much light."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

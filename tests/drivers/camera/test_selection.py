@@ -4,8 +4,6 @@ Names, serial numbers and ports are those of real computers: a GelSight Mini and
 users list them, two Logitech C270 with one serial number, a depth camera with several interfaces.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

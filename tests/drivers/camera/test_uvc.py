@@ -1,7 +1,5 @@
 """The camera's driver: real cv2.VideoCapture against an MJPEG stream on loopback."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

@@ -1,7 +1,5 @@
 """The camera's driver and the real OpenCV against a V4L2 device that a preloaded library plays."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import json

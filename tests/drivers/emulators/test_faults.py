@@ -1,7 +1,5 @@
 """Telling an emulated device to fail, and what its messages and readings become."""
 
-from __future__ import annotations
-
 import math
 import random
 import socket

@@ -1,7 +1,5 @@
 """Emulators ask to be run when they are due, and do without where they may not."""
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """The state of the arm that emulator processes share."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

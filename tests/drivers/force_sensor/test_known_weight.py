@@ -1,7 +1,5 @@
 """Reading a cell without, with, and without a weight: mocks in virtual time, the real driver."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

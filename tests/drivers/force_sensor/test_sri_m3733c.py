@@ -1,7 +1,5 @@
 """The force sensor's driver: real pyserial against the emulated box on a pseudo-terminal."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """The force sensor's box on the wire: its frames, whole and damaged, and its commands."""
 
-from __future__ import annotations
-
 import math
 import struct
 

@@ -1,7 +1,5 @@
 """A laboratory's own devices and models, outside of the repository."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sim.scene.indenter import Sphere

@@ -3,8 +3,6 @@
 A real one would talk to its controller where this one computes; what it answers is the same.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

@@ -1,7 +1,5 @@
 """Driver of a one-axis load cell that sends `counter,counts` lines on a serial port."""
 
-from __future__ import annotations
-
 import threading
 import time
 

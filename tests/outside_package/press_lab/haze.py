@@ -8,8 +8,6 @@
     depth = "0.2 mm"
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

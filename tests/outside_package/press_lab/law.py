@@ -6,8 +6,6 @@
 with I = tr F^T F and J = det F. Infinite for J <= 0.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sim.material.laws.tangent import Law, Tangent, cofactor, lame

@@ -1,7 +1,5 @@
 """What the control loop says of an arm that was lost because this computer was held up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

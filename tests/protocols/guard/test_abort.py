@@ -1,7 +1,5 @@
 """A person's wish to stop: counted, and from signals, keys and the loss of the terminal."""
 
-from __future__ import annotations
-
 import os
 import pty
 import signal

@@ -1,7 +1,5 @@
 """Each limit on a force sample."""
 
-from __future__ import annotations
-
 import math
 import random
 

@@ -1,7 +1,5 @@
 """Stale and lossy streams, and a computer that was held up."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The witness by itself: a press without arm, camera or noise, sample by sample."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

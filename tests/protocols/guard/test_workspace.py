@@ -1,7 +1,5 @@
 """Where the tip may be and how the tool may point."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

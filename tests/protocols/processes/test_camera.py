@@ -1,7 +1,5 @@
 """The camera process looks at the light once a second, and control learns of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """What a child tells of its end."""
 
-from __future__ import annotations
-
 import errno
 import faulthandler
 import os

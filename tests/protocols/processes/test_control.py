@@ -1,7 +1,5 @@
 """What control shows beside the record: everything once, tared, and never in the record's way."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import pytest

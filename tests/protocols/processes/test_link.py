@@ -1,7 +1,5 @@
 """A producer's way to the recorder: acknowledged, or spilled."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import socket

@@ -1,7 +1,5 @@
 """Messages between processes: whole, in order, never blocking."""
 
-from __future__ import annotations
-
 import os
 from contextlib import ExitStack, closing
 

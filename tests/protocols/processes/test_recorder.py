@@ -1,7 +1,5 @@
 """The recorder's order of work, without a process."""
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 import socket

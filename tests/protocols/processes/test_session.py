@@ -1,7 +1,5 @@
 """Real processes over mocks, in real time, killed in the middle."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

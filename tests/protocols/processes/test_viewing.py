@@ -1,7 +1,5 @@
 """Viewers that die are started again, and given up in the end."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """The force servo against springs it does not know."""
 
-from __future__ import annotations
-
 import random
 from collections import deque
 

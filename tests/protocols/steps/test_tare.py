@@ -1,7 +1,5 @@
 """The software zero, and a run that begins where a fault left the arm: in the gel."""
 
-from __future__ import annotations
-
 import pytest
 
 from protocols.guard.breach import BreachError

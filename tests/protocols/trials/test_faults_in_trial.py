@@ -1,7 +1,5 @@
 """Each thing that can go wrong in a trial: the arm stops, the data stay, the operator is told."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

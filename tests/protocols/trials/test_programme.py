@@ -1,7 +1,5 @@
 """A gap between images costs an attempt; whatever force or arm did ends the run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

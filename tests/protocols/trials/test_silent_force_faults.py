@@ -3,8 +3,6 @@
 The gel is a GelSight Mini under a 5 mm punch, as the simulator has it with preset fast.
 """
 
-from __future__ import annotations
-
 import random
 from dataclasses import replace
 

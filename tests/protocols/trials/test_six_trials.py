@@ -1,7 +1,5 @@
 """Six presses from preflight to verdict."""
 
-from __future__ import annotations
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Slow faults of force sensor and arm in simulated time, in small."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

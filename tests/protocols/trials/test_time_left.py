@@ -1,7 +1,5 @@
 """How long a run still takes, by speeds first and by its own trials later."""
 
-from __future__ import annotations
-
 import pytest
 
 from protocols.trials.time_left import TimeLeft, trial_duration_s

@@ -1,7 +1,5 @@
 """The verdict, its sentences and its criteria."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Simulators side by side on a made-up run: who is better is known beforehand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

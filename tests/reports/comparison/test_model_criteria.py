@@ -1,7 +1,5 @@
 """What a replay must meet, each criterion on both sides of its limit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The report says where the protocol and its recording tell of different presses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

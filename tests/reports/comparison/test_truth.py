@@ -1,7 +1,5 @@
 """Truth of a dry run beside what the pipeline made of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Frames, curves and timing from raw streams."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace

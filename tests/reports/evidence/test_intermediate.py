@@ -1,7 +1,5 @@
 """States on the way beside the recorded frames nearest in force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """A run folder on disk becomes evidence, and evidence a report."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The simulated curve, and the modulus that a run's own depths and forces tell by it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Differences of images: the scale of their colours reaches to the largest."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The part of the page in which the force rises: in a browser, without one, and on paper."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

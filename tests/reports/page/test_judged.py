@@ -1,7 +1,5 @@
 """The page of a judgement: whole, without links, and what was said of a simulator is text."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The files of a report: readable by strict readers, whole in one page, and marked."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Contact scores on a punch mark whose place, size and strength are known."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

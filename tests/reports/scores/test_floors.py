@@ -1,7 +1,5 @@
 """Floors, ceilings and the wrong-force matrix."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

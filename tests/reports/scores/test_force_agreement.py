@@ -1,7 +1,5 @@
 """Force-matched and force-predicted are different numbers with a stated uncertainty."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

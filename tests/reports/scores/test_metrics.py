@@ -1,7 +1,5 @@
 """Scores have the values that their definitions give by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A residual is split into what was put into it, and nothing of it is lost or made up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Unlike presses on one sensor's mesh: forces, wrenches and poses against single presses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The undeformed inverse and its correction, against dense matrices."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page's examples of batches run as they stand there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

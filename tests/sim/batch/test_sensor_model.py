@@ -1,7 +1,5 @@
 """The bias of forces on a sensor's mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

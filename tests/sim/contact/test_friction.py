@@ -1,7 +1,5 @@
 """Coulomb's law at single contact points: direction, size, memory."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distance to indenters: analytic, of triangles, and where they first touch a domed gel."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Outputs of a press, and its end on a finer mesh than its way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

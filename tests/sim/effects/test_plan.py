@@ -1,7 +1,5 @@
 """The plan: what is left out changes F_z by less than was said, and is not launched."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

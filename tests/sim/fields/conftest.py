@@ -1,7 +1,5 @@
 """One press whose fields are looked at."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim.effects.presets import build_model

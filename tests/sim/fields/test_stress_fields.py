@@ -1,7 +1,5 @@
 """Stress on the surface and where layers meet, recovered tractions, and the files of a press."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A clamped disc of some hundred elements, and its matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim.contact.contact_surface import ContactOptions

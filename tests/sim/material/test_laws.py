@@ -1,7 +1,5 @@
 """Constitutive laws: derivatives, invariance, and the paper's printed one."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

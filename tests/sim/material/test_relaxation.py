@@ -1,7 +1,5 @@
 """Prony relaxation: the discrete step is consistent, and follows closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes that are fine under a footprint, and their refinement."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

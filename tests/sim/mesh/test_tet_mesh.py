@@ -1,7 +1,5 @@
 """Meshes: their type, their files, and what their elements make of a pad."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

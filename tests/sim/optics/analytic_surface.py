@@ -1,7 +1,5 @@
 """Analytic gel surfaces for the tests of the optics: on irregular meshes, and around a ball."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Images of scale targets with known scale, rotation and centre, for the tests."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

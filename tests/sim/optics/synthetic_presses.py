@@ -1,7 +1,5 @@
 """Ball presses rendered from a known optical model, for the tests of the calibration."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, Circle

@@ -1,7 +1,5 @@
 """Layered gels: their mesh, their materials, and forces against laminate solutions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pads from triangle files: what is read, what is refused, and that they press like the formula."""
 
-from __future__ import annotations
-
 from importlib import resources
 from pathlib import Path
 

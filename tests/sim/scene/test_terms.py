@@ -1,7 +1,5 @@
 """Pads, indenters, contacts, layers and mesh settings as text."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -1,7 +1,5 @@
 """Closed triangle surfaces, and turned indenters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

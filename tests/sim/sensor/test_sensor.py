@@ -1,7 +1,5 @@
 """Sensor files: geometry, optics, and the page that says how to write one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path

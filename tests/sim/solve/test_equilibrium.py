@@ -1,7 +1,5 @@
 """Equilibria, and with a factor that is kept, against Newton's method."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

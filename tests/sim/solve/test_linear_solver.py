@@ -1,7 +1,5 @@
 """The solver in single precision, and how many threads MKL takes unless a user chose."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Loading paths: steps, the search for a force, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What the last steps show of a Hessian, in the kernels' two loops."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

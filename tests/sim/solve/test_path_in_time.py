@@ -1,7 +1,5 @@
 """Paths in time, and the energies of nodes with weight and mass."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

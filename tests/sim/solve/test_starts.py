@@ -1,7 +1,5 @@
 """Starts that overlap, or are inside out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

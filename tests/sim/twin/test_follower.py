@@ -1,7 +1,5 @@
 """The follower: the press of a force from where it stands, and back, and its images and maps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

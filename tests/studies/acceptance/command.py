@@ -1,7 +1,5 @@
 """``python -m tests.studies acceptance``: from a lab's folder to the report, with its costs."""
 
-from __future__ import annotations
-
 import json
 import resource
 import shutil

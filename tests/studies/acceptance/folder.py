@@ -1,7 +1,5 @@
 """A folder as a lab leaves it: a DIGIT pressed at many places, and a table from a spreadsheet."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta

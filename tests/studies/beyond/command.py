@@ -1,7 +1,5 @@
 """``python -m tests.studies beyond``: are presses beyond what a gel can bear right or refused?"""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Sequence

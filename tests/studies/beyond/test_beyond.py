@@ -1,7 +1,5 @@
 """Presses beyond what a gel can bear, in short: one of each answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

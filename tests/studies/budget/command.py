@@ -1,7 +1,5 @@
 """``python -m tests.studies budget``: does the budget of a predicted force hold what it says?"""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

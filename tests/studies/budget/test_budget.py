@@ -1,7 +1,5 @@
 """Worlds drawn from what is stated lie within the interval that it makes, others do not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cases of the fault table: what goes wrong, and when."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

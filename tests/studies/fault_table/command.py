@@ -1,7 +1,5 @@
 """Study "fault-table": make every device, process and the computer fail, and record reactions."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil

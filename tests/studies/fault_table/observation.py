@@ -1,7 +1,5 @@
 """What one fault case showed: the arm, the messages that were kept, and what must not be."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

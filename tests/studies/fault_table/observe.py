@@ -1,7 +1,5 @@
 """One fault case from start to finish: run, fault, what became of it, mend, resume."""
 
-from __future__ import annotations
-
 import logging
 import math
 import shutil

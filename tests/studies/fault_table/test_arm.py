@@ -1,7 +1,5 @@
 """What is read from the trace of an emulated arm."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.drivers.arm_notes import TraceRow

@@ -1,7 +1,5 @@
 """Which cases the fault table has."""
 
-from __future__ import annotations
-
 from drivers.emulators.faults import FAULTS_OF_DEVICE
 from tests.studies.fault_table.cases import Crowd, Moment, Rival, Trouble, Victim, all_cases
 

@@ -1,7 +1,5 @@
 """Trouble of the computer reaches the program that is to have it, and no other."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

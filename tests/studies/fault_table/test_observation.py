@@ -1,7 +1,5 @@
 """Counting what was acknowledged and what can be read."""
 
-from __future__ import annotations
-
 import pytest
 
 from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent

@@ -3,8 +3,6 @@
 A session's own tests kill its processes.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.emulators.faults import Device, Fault, FaultKind

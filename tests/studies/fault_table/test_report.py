@@ -1,7 +1,5 @@
 """What must not be is called by its name, in the table and in its first line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

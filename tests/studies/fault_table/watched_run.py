@@ -1,7 +1,5 @@
 """The program under test as a process: started, confirmed, watched by its journal, killed."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Study "force-faults": slow and late faults of force sensor and arm, in simulated time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

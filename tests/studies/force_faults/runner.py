@@ -1,7 +1,5 @@
 """Press a drawn world by the whole protocol, on mock devices in simulated time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Worlds to press in: what is drawn of a gel, a force sensor, an arm, and of what fails in them."""
 
-from __future__ import annotations
-
 import math
 import random
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 The gels are those of the emulator: another law, a disc, another solver than the fit's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """Study "hostile-runs": run folders made to do harm, against every command."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Kinds of hostile run folders: each changes a copy of a whole run."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

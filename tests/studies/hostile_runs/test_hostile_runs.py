@@ -1,7 +1,5 @@
 """Some kinds of the study "hostile-runs" against the commands that read most."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

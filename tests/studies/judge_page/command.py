@@ -1,7 +1,5 @@
 """``python -m tests.studies judge-page``: several judgements as one page of Markdown."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

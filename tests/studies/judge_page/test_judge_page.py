@@ -1,7 +1,5 @@
 """The page of judgements: what stands in the JSON stands in its tables, losses are named."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

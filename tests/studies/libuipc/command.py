@@ -1,7 +1,5 @@
 """``python -m tests.studies libuipc``: the benchmark's scenes by libuipc and by us, on one GPU."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence

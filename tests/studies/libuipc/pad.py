@@ -6,8 +6,6 @@ goes. The gel's law is the same in both engines, so the gel's forces follow from
 alone: at the clamped base they are the reaction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 libuipc itself is not needed: what it would give is made by our own solver on its mesh.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ back all the same. Gravity and velocities are off, the gel has next to no mass, 
 touch gel.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import time

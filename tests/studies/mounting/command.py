@@ -1,7 +1,5 @@
 """Study "mounting": what simulating friction and tilt gains, and how well a tilt is found."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Study "page": the cost of the operator's page, and how quickly it stops a run."""
 
-from __future__ import annotations
-
 import http.client
 import os
 import pty

@@ -1,7 +1,5 @@
 """The load of browsers without any: reads a page's events and fetches pictures, until killed."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import sys

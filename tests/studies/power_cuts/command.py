@@ -1,7 +1,5 @@
 """Study "power-cuts": what a power cut can leave of a run, state by state."""
 
-from __future__ import annotations
-
 import logging
 import tempfile
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A few dozen of the states of the study "power-cuts"."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.studies.power_cuts.command import observe, recorded_history

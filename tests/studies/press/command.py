@@ -1,7 +1,5 @@
 """``python -m tests.studies press``: does one press tell an aged gel from a good one?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Emulated sensors that aged, and that did not."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.studies.press.command import judged

@@ -1,7 +1,5 @@
 """Study "residual": whether a planted error is named as the cause of the image residual."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

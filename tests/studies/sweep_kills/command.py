@@ -4,8 +4,6 @@ A press is lost that the data set lacks in the end, and computed twice that two 
 finished file was written again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Every case of the tampering table, in its order."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping

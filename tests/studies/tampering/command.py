@@ -1,7 +1,5 @@
 """Study "tampering": tamper with copies of a run and record which checks notice."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass

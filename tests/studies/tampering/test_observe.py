@@ -1,7 +1,5 @@
 """Every way to tamper with a run is noticed, by name, or said to be beyond noticing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path

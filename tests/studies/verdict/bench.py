@@ -1,7 +1,5 @@
 """A run's true replay, kept in memory, and the evidence of replays that differ from it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

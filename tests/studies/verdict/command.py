@@ -1,7 +1,5 @@
 """Study "verdict": the report of a run against replays that are wrong on purpose."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The smallest wrong size that is caught, and the page of a verdict check."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

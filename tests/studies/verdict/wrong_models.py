@@ -1,7 +1,5 @@
 """Replays that are wrong on purpose, most of them by as much as one likes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What trials together, and a known weight, say of the force sensor: cells that lie are refused."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

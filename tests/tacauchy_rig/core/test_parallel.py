@@ -1,7 +1,5 @@
 """Work in processes of its own, one thread for NumPy, and long work that says what it does."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

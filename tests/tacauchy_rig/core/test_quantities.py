@@ -1,7 +1,5 @@
 """Numbers with units, and what is chosen by name."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small types of the core: images, rotation vectors, alternatives."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables on pages and terminals, pages of Markdown, and cases chosen by patterns."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

@@ -1,7 +1,5 @@
 """A ball on a gel in newton and in MuJoCo: it rests, momentum is kept, and nothing tunnels."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Environments of touch follow Gymnasium's contract, and one batch is many single ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How the emulated arm moves, and what it makes of the force on its tool."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """The emulated controller, as the real ur_rtde sees it when nobody hides its traps."""
 
-from __future__ import annotations
-
 import math
 import socket
 import subprocess

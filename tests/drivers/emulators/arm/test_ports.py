@@ -1,7 +1,5 @@
 """Parts of the emulated controller that need no client library."""
 
-from __future__ import annotations
-
 import math
 import socket
 from collections.abc import Iterator

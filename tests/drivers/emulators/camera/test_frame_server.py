@@ -1,7 +1,5 @@
 """The emulated camera as a V4L2 device: what it sends, and the processes that see it."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

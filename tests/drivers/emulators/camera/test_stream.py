@@ -1,7 +1,5 @@
 """The emulated camera as its clients see it: real cv2.VideoCapture, raw packets, faults."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

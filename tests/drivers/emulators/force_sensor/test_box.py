@@ -1,7 +1,5 @@
 """The emulated force sensor's box: its commands, and a force that follows the arm's pose."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

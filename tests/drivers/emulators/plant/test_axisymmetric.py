@@ -1,7 +1,5 @@
 """The gel's finite elements against solutions that other methods and other people found."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Ball presses of the emulated sensor: places, clicks, frames with and without noise."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The plant: pose in, wrench and surface out."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

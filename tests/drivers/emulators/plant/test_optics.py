@@ -1,7 +1,5 @@
 """Single frames of the emulated camera: geometry, light, texture, markers, noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Press tables: content, cache, and a real gel's one published press."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from pathlib import Path

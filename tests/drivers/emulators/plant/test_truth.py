@@ -1,7 +1,5 @@
 """The emulated world's truth: a function of the seed alone."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

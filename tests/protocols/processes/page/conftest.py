@@ -1,7 +1,5 @@
 """Sessions on mocks in real time, and a real browser to watch them."""
 
-from __future__ import annotations
-
 import threading
 import time
 from contextlib import contextmanager

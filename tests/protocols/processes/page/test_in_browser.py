@@ -1,7 +1,5 @@
 """The page in a real browser, beside a session on mocks."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

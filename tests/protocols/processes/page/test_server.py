@@ -1,7 +1,5 @@
 """Who may come in, and what the server refuses."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

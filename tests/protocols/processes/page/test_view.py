@@ -1,7 +1,5 @@
 """What the page is told, put together from feeds and events."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Ball presses: their tables, and those of gels with markers."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

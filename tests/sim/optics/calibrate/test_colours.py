@@ -1,7 +1,5 @@
 """Colours from ball presses, and the search for lamps."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace

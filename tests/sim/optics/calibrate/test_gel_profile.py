@@ -1,7 +1,5 @@
 """Gel profiles from simulated presses, and slopes of an unloaded dome."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

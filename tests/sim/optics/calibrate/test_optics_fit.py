@@ -1,7 +1,5 @@
 """Ball presses as a calibration renders them: shadows and blur, told apart from colours."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 

@@ -1,7 +1,5 @@
 """Scale, rotation and centre, from presses at known positions and from printed targets."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

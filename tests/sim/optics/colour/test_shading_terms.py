@@ -1,7 +1,5 @@
 """Lamps and creases of the photometric model, and the camera's response."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Height maps, and rings that are drawn round."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Markers of a no-contact frame: found, taken off, printed again, and followed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """The renderer of blocks of pixels against its formula written out plainly."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,7 +1,5 @@
 """Renderings: colours, grey by depth, and shadows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Accuracy against time: presses, judgements, settings, and the figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The benchmark's parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Scenes pressed alone and in batches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from unittest.mock import patch
 

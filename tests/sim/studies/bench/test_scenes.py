@@ -1,7 +1,5 @@
 """The benchmark's scenes, and their tables."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Unlike presses in one batch: what is drawn, and the row that is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

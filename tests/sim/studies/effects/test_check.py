@@ -1,7 +1,5 @@
 """Plans held against everything on: what is compared, and what a catalogue must hold."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

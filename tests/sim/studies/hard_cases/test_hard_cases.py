@@ -1,7 +1,5 @@
 """The hard cases: their rows and page, from made-up results; all of them if time is given."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contact modes: their signatures, sections and figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of contact modes, of made-up runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Objects of triangles: their shapes and figure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Measurements for the paper's page, made up."""
 
-from __future__ import annotations
-
 from sim.studies.paper.kept import SCORES, Report, SceneSpeed, Speeds
 from sim.studies.paper.presses import AS_CONFIGURED, BALANCED, FAST, FORCES_N, THIN, ModelPresses
 

@@ -1,7 +1,5 @@
 """The paper's model as it states it, set up and pressed."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim.scene.material import LawName

@@ -1,7 +1,5 @@
 """The paper's numbers: read, judged, and held against each other."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """Ours beside the paper's, as rows, page and figure."""
 
-from __future__ import annotations
-
 from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.study import (
     compared,

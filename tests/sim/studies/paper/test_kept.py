@@ -1,7 +1,5 @@
 """Benchmarks and reports that are kept."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

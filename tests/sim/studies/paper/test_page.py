@@ -1,7 +1,5 @@
 """The page of the paper's claims, of made-up measurements."""
 
-from __future__ import annotations
-
 from typing import Any
 from unittest.mock import patch
 

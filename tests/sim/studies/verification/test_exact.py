@@ -1,7 +1,5 @@
 """The exact solutions against published ones and against each other."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

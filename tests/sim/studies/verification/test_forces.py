@@ -1,7 +1,5 @@
 """Forces against solutions and measurements, and their orders of convergence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

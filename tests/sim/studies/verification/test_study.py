@@ -1,7 +1,5 @@
 """The study as a whole, and what F_z must hardly depend on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

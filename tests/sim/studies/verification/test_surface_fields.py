@@ -1,7 +1,5 @@
 """Fields of the surface, height maps and balance against their references."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

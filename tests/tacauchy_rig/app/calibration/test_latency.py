@@ -1,7 +1,5 @@
 """Delays of made-up signals against a depth that sways."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The program as a process: exit codes and messages, and help that imports nothing heavy."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """``tacauchy-rig calibrate`` on folders of rendered presses, and on tables of forces."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """``judge`` on a recorded run: its task, a simulator's folder made from it, and the page."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

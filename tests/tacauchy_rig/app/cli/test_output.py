@@ -1,7 +1,5 @@
 """What commands print and write: results, configurations, and lines that follow a press."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json

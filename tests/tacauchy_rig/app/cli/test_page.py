@@ -1,7 +1,5 @@
 """What the command line asks of the operator's page, and ``emulate fault`` and ``presses``."""
 
-from __future__ import annotations
-
 import json
 import socket
 from pathlib import Path

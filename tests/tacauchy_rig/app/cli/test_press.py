@@ -1,7 +1,5 @@
 """What ``press`` says besides numbers, and the options of its scene."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

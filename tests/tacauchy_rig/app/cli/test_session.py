@@ -1,7 +1,5 @@
 """A run that went through, what it refuses before it moves, and what is computed meanwhile."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """``tacauchy-rig study``: what is listed, selected, measured, kept and written, and how it ends."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -1,7 +1,5 @@
 """Doctor's look at the computer: clock, timer, cores, memory, groups, versions and disk."""
 
-from __future__ import annotations
-
 import resource
 from pathlib import Path
 

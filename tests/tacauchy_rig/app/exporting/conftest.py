@@ -1,7 +1,5 @@
 """A run of the mock rig that is exported."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """A sweep's presses in others' formats, and the law of a sensor's pressure."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """A press in time for ParaView and USD, and a calibration in Taxim's form."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

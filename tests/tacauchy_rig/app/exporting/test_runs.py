@@ -1,7 +1,5 @@
 """A run in others' formats: what was recorded, opened by their own readers, and imported again."""
 
-from __future__ import annotations
-
 import csv
 import json
 import logging

@@ -1,7 +1,5 @@
 """Keep, recalibrate or replace: one press beside one of before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

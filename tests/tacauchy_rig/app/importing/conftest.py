@@ -1,7 +1,5 @@
 """A run of the mock rig, and sources in others' formats that are made of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Sources of every kind, made of presses that are known."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A bag, a LeRobot dataset, and a video with its log come back as the presses that they hold."""
 
-from __future__ import annotations
-
 import math
 import re
 import struct

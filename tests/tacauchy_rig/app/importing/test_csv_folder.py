@@ -1,7 +1,5 @@
 """Folders of images come back as their presses, with an import.toml of a person's or guessed."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

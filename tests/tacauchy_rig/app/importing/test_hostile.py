@@ -1,7 +1,5 @@
 """Damaged, hostile and half-empty sources each end with a message that names what is wrong."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 import zlib

@@ -1,7 +1,5 @@
 """Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Presses are found in forces whose zero drifts, and clocks by the presses that both saw."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

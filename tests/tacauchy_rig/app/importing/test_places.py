@@ -1,7 +1,5 @@
 """Indenter and place of presses are what a replay presses, and are kept one by one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

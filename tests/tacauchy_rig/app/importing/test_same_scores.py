@@ -5,8 +5,6 @@ is one of `dry-run --press-only --set 'replay.pose="stated"'`, OPTICS.npz is wha
 writes of `emulate presses` of the same seed.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Taxim's ball presses come back as runs that their optics can be calibrated from."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

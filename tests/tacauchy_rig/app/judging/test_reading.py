@@ -1,7 +1,5 @@
 """A simulator's folder, whole and in every way damaged, and a baseline without mechanics."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile

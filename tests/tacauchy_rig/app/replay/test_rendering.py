@@ -1,7 +1,5 @@
 """What is kept of a press on its way, and what moments and images of a run tell of its tool."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What a configuration says of the replay and its optics, checked before anything is pressed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace

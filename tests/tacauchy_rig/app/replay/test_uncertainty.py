@@ -1,7 +1,5 @@
 """What uncertain inputs change of a force and of images, tried by the simulator."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

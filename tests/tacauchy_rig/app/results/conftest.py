@@ -1,7 +1,5 @@
 """A folder of runs: two with a report, an aborted one and a damaged one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs to look at, and a browser's requests to a server of them."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

@@ -1,7 +1,5 @@
 """A folder of runs is found; its pages show it, let in whom they may, and write nothing."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run asks of cell and gel before it presses, and what it notes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta

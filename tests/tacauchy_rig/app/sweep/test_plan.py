@@ -1,7 +1,5 @@
 """Plans, engines that give the same shards, and sweeps: whole, repeated, interrupted, changed."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

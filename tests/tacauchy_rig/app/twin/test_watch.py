@@ -1,7 +1,5 @@
 """A twin beside a run, live and recorded: its phases, frames, and page."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

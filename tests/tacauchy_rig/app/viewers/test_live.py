@@ -1,7 +1,5 @@
 """A viewer that speaks Foxglove's protocol sees an emulated run, and can do nothing to it."""
 
-from __future__ import annotations
-
 import json
 import socket
 import struct

@@ -1,7 +1,5 @@
 """Values that no rig can honour, and defaults that say where they are from."""
 
-from __future__ import annotations
-
 import pytest
 
 from tacauchy_rig.core.config.fields import ceilings

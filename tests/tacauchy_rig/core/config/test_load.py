@@ -1,7 +1,5 @@
 """Reading rig.toml: where values come from, what cannot stay or change, and what devices need."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

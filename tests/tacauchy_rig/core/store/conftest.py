@@ -1,7 +1,5 @@
 """Samples, recordings and faults that the store's tests share."""
 
-from __future__ import annotations
-
 import os
 import random
 import resource

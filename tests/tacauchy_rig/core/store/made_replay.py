@@ -1,7 +1,5 @@
 """A replay of a run that nobody simulated."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayTrial

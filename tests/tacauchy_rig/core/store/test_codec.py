@@ -1,7 +1,5 @@
 """JSON of the run's types: what goes out comes back, nothing else and no number that cannot be."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Disks: room is known before the arm moves, and what is said when one takes nothing."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Which attempts of a run are believed, by its journal and results."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recovery: torn, damaged and spilled messages become one finished file, and nothing is lost."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager

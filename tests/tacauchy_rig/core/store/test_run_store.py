@@ -1,7 +1,5 @@
 """A run's folder and its journal: what is written comes back, and what is damaged is named."""
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json

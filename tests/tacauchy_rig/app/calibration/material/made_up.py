@@ -1,7 +1,5 @@
 """Responses that were made up: what an indenter feels of nu and friction stands in a formula."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

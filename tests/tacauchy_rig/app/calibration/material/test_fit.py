@@ -1,7 +1,5 @@
 """A gel from presses: told within its intervals, written into its sensor's file, or refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Tables of presses: by indenter, in SI, and refused with the line that is wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs that nobody touched are never accused, whatever cut them off."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Usage: crash_writer.py PATH paced|fast|closing
 """
 
-from __future__ import annotations
-
 import os
 import random
 import sys

@@ -1,7 +1,5 @@
 """Unfinished, torn, flipped, cut and foreign files: what is readable is read, the rest is said."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path

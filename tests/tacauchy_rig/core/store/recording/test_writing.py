@@ -1,7 +1,5 @@
 """Writing a recording: whole, with a disk that fills up, and killed at any moment."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
