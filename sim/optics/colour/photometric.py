@@ -30,6 +30,7 @@ from sim.optics.colour.colour_model import (
     CREASE_UNIT_M,
     INDENTATION_UNIT_M,
     LINEAR,
+    TANGENT,
     PixelColours,
     Response,
 )
@@ -273,10 +274,10 @@ class PhotometricModel:
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
-    # Largest tilt the coefficients were fitted to; steeper surfaces are rendered as this steep in
-    # their own direction, not extrapolated
+    # Largest tilt the coefficients were fitted to; beyond it the polynomial is continued linearly,
+    # in the tilt's own direction
     tilt_limit: float = 1.0
-    # Largest indentation the coefficients were fitted to [m], likewise
+    # Largest indentation the coefficients were fitted to [m]; deeper ones change no more
     indentation_limit_m: float = math.inf
     # Lamps and creases, not bounded by the limit of tilt; None has none
     terms: ShadingTerms | None = None
@@ -314,9 +315,16 @@ class PhotometricModel:
             indentation_m: Unloaded minus loaded height [m], shape [point_count].
             curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
         """
-        bounded = bounded_tilt(tilt, self.tilt_limit)
+        steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
+        times = np.maximum(steepness, self.tilt_limit) * (1.0 / self.tilt_limit)
         depth = np.minimum(indentation_m, self.indentation_limit_m)
-        change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
+        change, inner = (
+            evaluate_polynomial(
+                self.exponents, self.coefficients, tilt * (share / times), position, depth
+            )
+            for share in (1.0, 1.0 - TANGENT)
+        )
+        change += (change - inner) * ((times - 1.0) * (1.0 / TANGENT))
         if self.terms is not None:
             creases = np.zeros_like(indentation_m) if curvature is None else curvature
             values = self.terms.values(tilt, position, creases)
@@ -419,12 +427,6 @@ def load_photometric(path: Path) -> PhotometricModel:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error
-
-
-def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
-    """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
-    steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
-    return np.asarray(tilt * (limit / np.maximum(steepness, limit)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:
