@@ -264,17 +264,15 @@ def fit_terms(
     *,
     lamp_count: int,
     aspect: float,
-    pixel_m: float,
     start: ShadingTerms | None = None,
 ) -> ShadingTerms:
     """Find the lamps that explain the samples best beside the polynomial.
 
-    Without lamps to start from they are searched all around. A bend sharper than the length of gel
-    that a pixel sees is not seen.
+    Without lamps to start from they are searched all around.
     """
     step = max(1, samples.change.shape[1] // _SAMPLES)
     few = replace(samples, **{name: getattr(samples, name)[..., ::step] for name in _BY_SAMPLE})
-    search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
+    search = _Search(few, aspect=aspect, crease_limit=float(np.abs(samples.surface[0, 3]).max()))
     if start is None:
         begin = search.all_around(lamp_count)
     else:

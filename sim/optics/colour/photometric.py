@@ -213,8 +213,7 @@ class ShadingTerms:
     lamps: tuple[NearLamp, ...]
     softness: float  # half width of their terminators, as a cosine
     aspect: float  # height of the image over its width
-    # Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases are taken to be
-    # so sharp. Balls bend the gel less: up to there it is extrapolated.
+    # Largest curvature the coefficients were fitted to [1/m]; sharper creases change no more
     crease_limit: float
 
     @property
