@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.colour.colour_model import CREASE_UNIT_M, INDENTATION_UNIT_M, TANGENT
+from sim.optics.colour.colour_model import CREASE_UNIT_M, INDENTATION_UNIT_M
 from sim.optics.pixels.pixel_kernel import Layout, bend_of, place_of
 
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
@@ -107,17 +107,7 @@ def _colour(
         crease[n] = wp.clamp(bend[n], -model.crease_limit, model.crease_limit)
     bound = _bounded(size, model.tilt_limit)
     depth = depth * wp.float32(1.0 / INDENTATION_UNIT_M)
-    p_in, q_in = wp.cw_mul(p, bound), wp.cw_mul(q, bound)
-    red, green, blue = _polynomial(model, row, u, p_in, q_in, depth)
-    if wp.min(bound) < wp.float32(1.0):
-        back = wp.float32(1.0 - TANGENT)
-        red_in, green_in, blue_in = _polynomial(model, row, u, p_in * back, q_in * back, depth)
-        beyond = type(p)()
-        for n in range(len(p)):
-            beyond[n] = (wp.float32(1.0) / bound[n] - wp.float32(1.0)) / wp.float32(TANGENT)
-        red += wp.cw_mul(red - red_in, beyond)
-        green += wp.cw_mul(green - green_in, beyond)
-        blue += wp.cw_mul(blue - blue_in, beyond)
+    red, green, blue = _polynomial(model, row, u, wp.cw_mul(p, bound), wp.cw_mul(q, bound), depth)
     plane = layout.rows * layout.blocks
     for m in range(model.lamp_count + 1):
         value = crease * wp.float32(CREASE_UNIT_M)

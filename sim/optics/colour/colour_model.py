@@ -20,7 +20,6 @@ if TYPE_CHECKING:  # they bring Warp, which the reader of a sensor's file has no
 
 BRIGHTEST = 255.0
 INDENTATION_UNIT_M, CREASE_UNIT_M = 1e-3, 1e-4
-TANGENT = 0.1  # of the steepest tilt fitted: length over which colours' slope there is taken
 _CLOSEST = 0.4  # to the end of the range that a level tells of [grey levels]
 
 

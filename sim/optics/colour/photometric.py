@@ -30,7 +30,6 @@ from sim.optics.colour.colour_model import (
     CREASE_UNIT_M,
     INDENTATION_UNIT_M,
     LINEAR,
-    TANGENT,
     PixelColours,
     Response,
 )
@@ -273,10 +272,10 @@ class PhotometricModel:
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
-    # Largest tilt the coefficients were fitted to; beyond it the polynomial is continued linearly,
-    # in the tilt's own direction
+    # Largest tilt that the coefficients hold for; steeper surfaces are rendered as this steep in
+    # their own direction, not extrapolated
     tilt_limit: float = 1.0
-    # Largest indentation the coefficients were fitted to [m]; deeper ones change no more
+    # Largest indentation the coefficients were fitted to [m], likewise
     indentation_limit_m: float = math.inf
     # Lamps and creases, not bounded by the limit of tilt; None has none
     terms: ShadingTerms | None = None
@@ -314,16 +313,9 @@ class PhotometricModel:
             indentation_m: Unloaded minus loaded height [m], shape [point_count].
             curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
         """
-        steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
-        times = np.maximum(steepness, self.tilt_limit) * (1.0 / self.tilt_limit)
+        bounded = bounded_tilt(tilt, self.tilt_limit)
         depth = np.minimum(indentation_m, self.indentation_limit_m)
-        change, inner = (
-            evaluate_polynomial(
-                self.exponents, self.coefficients, tilt * (share / times), position, depth
-            )
-            for share in (1.0, 1.0 - TANGENT)
-        )
-        change += (change - inner) * ((times - 1.0) * (1.0 / TANGENT))
+        change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
         if self.terms is not None:
             creases = np.zeros_like(indentation_m) if curvature is None else curvature
             values = self.terms.values(tilt, position, creases)
@@ -426,6 +418,12 @@ def load_photometric(path: Path) -> PhotometricModel:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error
+
+
+def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
+    """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
+    steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
+    return np.asarray(tilt * (limit / np.maximum(steepness, limit)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:
