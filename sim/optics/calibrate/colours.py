@@ -139,7 +139,6 @@ def fit_model(
             joined([each.through(response, known) for each in pressed]),
             lamp_count=scene.lamp_count,
             aspect=scene.aspect,
-            pixel_m=scene.geometry.mean_scale_m,
             start=terms,
         )
     return fitted(known, terms, ridge)

@@ -128,6 +128,8 @@ class NormalEquations:
 
 REFERENCE = 128.0
 RIDGE = 1e-5
+# Of the steepest tilt that presses show: so far the polynomial predicts better than a frozen one
+_BEYOND = 1.2
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 # Presses in less than this part of the image tell little of how colours bend over it; beyond them
 # a fit would go anywhere. A term is held so many times more for each degree above the second.
@@ -178,7 +180,7 @@ def fit_photometric(
         coefficients=coefficients[: len(exponents)],
         terms=terms,
         term_coefficients=coefficients[len(exponents) :],
-        tilt_limit=max(float(np.hypot(*press.surface[0, :2]).max()) for press in presses),
+        tilt_limit=_BEYOND * max(float(np.hypot(*press.surface[0, :2]).max()) for press in presses),
         indentation_limit_m=max(float(press.surface[0, 2].max()) for press in presses),
         response=response,
         reference=reference,
@@ -264,17 +266,15 @@ def fit_terms(
     *,
     lamp_count: int,
     aspect: float,
-    pixel_m: float,
     start: ShadingTerms | None = None,
 ) -> ShadingTerms:
     """Find the lamps that explain the samples best beside the polynomial.
 
-    Without lamps to start from they are searched all around. A bend sharper than the length of gel
-    that a pixel sees is not seen.
+    Without lamps to start from they are searched all around.
     """
     step = max(1, samples.change.shape[1] // _SAMPLES)
     few = replace(samples, **{name: getattr(samples, name)[..., ::step] for name in _BY_SAMPLE})
-    search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
+    search = _Search(few, aspect=aspect, crease_limit=float(np.abs(samples.surface[0, 3]).max()))
     if start is None:
         begin = search.all_around(lamp_count)
     else:

@@ -212,8 +212,7 @@ class ShadingTerms:
     lamps: tuple[NearLamp, ...]
     softness: float  # half width of their terminators, as a cosine
     aspect: float  # height of the image over its width
-    # Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases are taken to be
-    # so sharp. Balls bend the gel less: up to there it is extrapolated.
+    # Largest curvature the coefficients were fitted to [1/m]; sharper creases change no more
     crease_limit: float
 
     @property
@@ -273,7 +272,7 @@ class PhotometricModel:
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
-    # Largest tilt the coefficients were fitted to; steeper surfaces are rendered as this steep in
+    # Largest tilt that the coefficients hold for; steeper surfaces are rendered as this steep in
     # their own direction, not extrapolated
     tilt_limit: float = 1.0
     # Largest indentation the coefficients were fitted to [m], likewise

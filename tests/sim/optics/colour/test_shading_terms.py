@@ -65,7 +65,8 @@ def test_lamps_are_found_from_colours_alone() -> None:
         change=(change + rng.normal(0.0, 1.0, change.shape)).T,
         weights=np.ones((3, 6000)),
     )
-    terms = fit_terms(samples, lamp_count=3, aspect=0.75, pixel_m=1e-4)
+    terms = fit_terms(samples, lamp_count=3, aspect=0.75)
+    assert terms.crease_limit == np.abs(curvature).max()
     found = sorted(math.remainder(lamp.azimuth_rad, math.tau) for lamp in terms.lamps)
     np.testing.assert_allclose(found, [-1.6, 0.4, 2.5], atol=0.03)
     np.testing.assert_allclose([lamp.elevation_rad for lamp in terms.lamps], 0.2, atol=0.03)
