@@ -12,12 +12,15 @@ import pytest
 import warp as wp
 
 import sim
+from sim.batch import contact_correction, frame_kernels, sweep_kernels
+from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import start_warp
 from sim.press import press
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName, Layer, Material, RelaxationTerm
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
+from sim.solve.descent_kernels import descent_kernels
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -78,6 +81,19 @@ SCENES = {
     "relaxing gel": replace(_BALL, material=_SLOW_GEL),
     "two layers": replace(_BALL, layers=(Layer(share=0.9, material=_GEL), _SKIN)),
 }
+
+
+@pytest.mark.slow
+def test_cuda_code_compiles_without_a_gpu(tmp_path: Path) -> None:
+    """Warp brings NVIDIA's compiler, which needs neither a GPU nor a driver."""
+    kernels = [product_kernel(Tiling(row_tiles=1, column_tiles=1, depth_warps=8))]
+    kernels += descent_kernels(grips=True, pulls=True, threads=256)
+    for module in (contact_correction, frame_kernels, sweep_kernels):
+        kernels += [each for each in vars(module).values() if isinstance(each, wp.Kernel)]
+    modules = {each.module.name: each.module for each in kernels if not each.is_generic}
+    for module in modules.values():
+        wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
+    assert len(list(tmp_path.glob("*.sm90.ptx"))) == len(modules) >= 6
 
 
 @pytest.mark.gpu
