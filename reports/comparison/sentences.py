@@ -266,10 +266,10 @@ def _optics(model: ReplayModel, evidence: RunEvidence) -> Fit:
         source = f"{source.partition(' in ')[0] or 'not stated'}, these same presses"
         effect = "Image scores are in-sample."
         if evidence.optics is not None:
-            held_out = evidence.optics.nudged
+            held_out, side = evidence.optics.nudged, evidence.optics.crop_px
             effect += (
-                f" Cross-validated, SSIM around the contact is {held_out.ssim:.4f}"
-                f" (no contact {held_out.ssim_no_contact:.4f})."
+                f" Cross-validated, SSIM of {side} x {side} px around each contact is"
+                f" {held_out.ssim:.4f} (no contact {held_out.ssim_no_contact:.4f})."
             )
     return Fit(
         what="Optics (colours)",
