@@ -113,12 +113,14 @@ def _body(model: Any, name: str) -> int:
     return int(found)
 
 
-def ball_on_pad(*, mass_kg: float = 0.02, fall_m: float = 1e-4) -> tuple[Any, TactileSensor]:
+def ball_on_pad(
+    *, mass_kg: float = 0.02, fall_m: float = 1e-4, **settings: Any
+) -> tuple[Any, TactileSensor]:
     """Return a model of a ball of 8 mm above a gel that is held fast, and its sensor."""
     height_m = load_sensor("gelsight-mini").pad.height_m + fall_m
     xml = _BALL.format(height_m=height_m, radius_m=4e-3, mass_kg=mass_kg)
     model = mujoco.MjModel.from_xml_string(xml)
-    return model, TactileSensor(model, "pad", "ball", Sphere(diameter_m=8e-3))
+    return model, TactileSensor(model, "pad", "ball", Sphere(diameter_m=8e-3), **settings)
 
 
 def main(steps: int = 400) -> None:

@@ -10,15 +10,20 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from sim.batch.measured_bias import press_alone
 from sim.coupling.gel_contact import UNMOVED, GelContact
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Target
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.envs.gym_imperfections import Imperfections
+from tacauchy_rig.envs.gym_tasks import PressToForce
 from tacauchy_rig.envs.mujoco import ball_on_pad
 from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
 
 STEP_S, MASS_KG, GRAVITY = 1e-3, 0.02, 9.81
+_FRICTION = {"contact": ContactMode.FRICTION, "friction": 0.5}
 
 
 def _go(model: Any, sensor: TactileSensor, count: int, state: Any = None) -> tuple[Any, np.ndarray]:
@@ -196,3 +201,57 @@ def test_a_ball_rests_on_a_gel_in_mujoco_with_its_weight_as_wrench() -> None:
         mujoco.mj_step(model, data)
     assert sensor.contact.wrench.numpy()[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
     np.testing.assert_allclose(data.xfrc_applied[1, :3], -data.xfrc_applied[2, :3])
+
+
+def _in_newton(**gel: Any) -> tuple[float, np.ndarray, dict[str, Any]]:
+    """Return F_z on a ball of 2 N at rest [N], its lowest point [m], and the contact."""
+    model, sensor = balls_on_pads(1, device="cpu", mass_kg=2.0 / GRAVITY, **gel)
+    state = model.state()
+    poses = state.body_q.numpy()
+    poses[1, :3] += [1.3e-3, -2.1e-3, -0.9e-3]
+    state.body_q.assign(poses)
+    state, _impulse = _go(model, sensor, 300, state)
+    sensor.update(state)
+    return _felt(sensor), state.body_q.numpy()[1, :3], _FRICTION
+
+
+def _in_mujoco(**gel: Any) -> tuple[float, np.ndarray, dict[str, Any]]:
+    """Return the same; the ball is in the middle, since beside it it rolls."""
+    model, sensor = ball_on_pad(mass_kg=2.0 / GRAVITY, fall_m=-0.8e-3, **gel)
+    data = mujoco.MjData(model)
+    for _ in range(200):
+        sensor.update(data)
+        mujoco.mj_step(model, data)
+    sensor.update(data)
+    return _felt(sensor), data.xipos[2] - [0.0, 0.0, 4e-3], _FRICTION
+
+
+def _felt(sensor: Any) -> float:
+    force_n = float(sensor.contact.wrench.numpy()[0, 2])
+    assert force_n == pytest.approx(2.0, rel=0.01)
+    return force_n
+
+
+def _in_gymnasium(**gel: Any) -> tuple[float, np.ndarray, dict[str, Any]]:
+    """Return what is observed of a press without friction, by an arm that holds its pose."""
+    env = PressToForce(image=False, **gel)
+    env.imperfections = Imperfections(stiffness=0.0)
+    env.reset(seed=46)
+    env.poses[0, :3] = [-2.0e-3, 3.1e-3, env.pad.height_at(-2.0e-3, 3.1e-3) + 0.1e-3]
+    for _ in range(9):
+        seen, *_ = env.advance(np.array([[0.0, 0.0, -1.0]]))
+    return float(seen["force"][0, 2]), env.poses[0, :3], {}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("engine", [_in_newton, _in_mujoco, _in_gymnasium])
+def test_with_a_measured_bias_an_engines_press_is_that_of_press(engine: Any) -> None:
+    """F_z is within 1 % of a press to the same depth, at the same place, on a mesh of its own."""
+    force_n, tip_m, contact = engine(edge_m=1.25e-3, measures_bias=True)
+    gel = load_sensor("gelsight-mini")
+    assert isinstance(gel.pad, BoxPad)
+    depth_m = float(gel.pad.height_at(*tip_m[:2, None])[0] - tip_m[2])
+    scene = gel.scene(Sphere(diameter_m=8e-3), Target(depth_m=depth_m), **contact)
+    alone_n, _pose = press_alone(scene, tip_m[:2], np.array(UNMOVED[3:]))
+    assert force_n == pytest.approx(alone_n, rel=0.01)
