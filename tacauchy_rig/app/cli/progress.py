@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.emulators.process import hang_weight
-from drivers.force_sensor.known_weight import Load
+from drivers.force_sensor.weighing import Load
 from protocols.confirmation import confirmation_screen, expected_answer
 from protocols.trials.time_left import TimeLeft
 from protocols.trials.trial import PlannedTrial

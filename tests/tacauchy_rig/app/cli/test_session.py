@@ -14,7 +14,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from drivers.force_sensor.known_weight import Load
+from drivers.force_sensor.weighing import Load
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import emulation, folders, session
 from tacauchy_rig.app.cli.app import app
