@@ -1,6 +1,6 @@
 """Zeros of the force sensor. Raw force stays raw: a tare is kept beside it."""
 
-from drivers.force_sensor.known_weight import tare_of
+from drivers.force_sensor.weighing import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.steps.motion import listen

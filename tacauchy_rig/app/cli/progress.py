@@ -1,4 +1,4 @@
-"""What the person at the rig sees and is asked: progress, a word before it moves, a weight.
+"""What the person at the rig sees and is asked: progress, and a known weight.
 
 Progress is a few live lines on a terminal, plain lines elsewhere.
 """
@@ -15,8 +15,7 @@ from rich.live import Live
 from rich.text import Text
 
 from drivers.emulators.process import hang_weight
-from drivers.force_sensor.known_weight import Load
-from protocols.confirmation import confirmation_screen, expected_answer
+from drivers.force_sensor.weighing import Load
 from protocols.trials.time_left import TimeLeft
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.cli.output import console, say
@@ -25,18 +24,6 @@ from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError
 from tacauchy_rig.core.force_check import Weight
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
-
-
-def confirm(config: RigConfig) -> None:
-    """Show what will move and ask for the sensor's name."""
-    say(confirmation_screen(config))
-    console.print("> ", end="")
-    answer = sys.stdin.readline().strip()
-    if answer != expected_answer(config):
-        raise AbortedError(
-            f"not confirmed: {answer!r} is not {expected_answer(config)!r}; nothing moved",
-            remedy="run the same command again and type the sensor's name",
-        )
 
 
 def ask_for_weight(weight: Weight) -> Callable[[Load], None]:

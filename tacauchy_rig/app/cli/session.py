@@ -256,7 +256,7 @@ def _press_confirmed(
     store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
-    from tacauchy_rig.app.cli.progress import confirm
+    from tacauchy_rig.app.cli.confirmation import confirm
     from tacauchy_rig.app.session.expected import kept_expectation
     from tacauchy_rig.app.session.record import (
         missed_lines,

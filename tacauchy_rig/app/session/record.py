@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from drivers.force_sensor.known_weight import Load, weigh
+from drivers.force_sensor.weighing import Load, weigh
 from protocols.guard.abort import AbortWatch
 from protocols.guard.witness import TOLERANCE, WORST_N, WORST_SHARE
 from protocols.processes.messages import PageOptions, ViewerOptions

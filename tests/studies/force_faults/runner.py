@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.force_sensor.known_weight import Load, weigh_connected
+from drivers.force_sensor.weighing import Load, weigh_connected
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.force_check import ForceCheck, judge_weight, parse_weight
 from tacauchy_rig.core.force_history import FORCE_HISTORY, FORCE_LIMITS, ForceHistory, judge_forces

@@ -14,12 +14,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from drivers.force_sensor.known_weight import Load
+from drivers.force_sensor.weighing import Load
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import emulation, folders, session
 from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.app.cli.confirmation import confirm
 from tacauchy_rig.app.cli.emulation import begin_calibration
-from tacauchy_rig.app.cli.progress import ask_for_weight, confirm
+from tacauchy_rig.app.cli.progress import ask_for_weight
 from tacauchy_rig.app.session.record import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES

@@ -1,12 +1,12 @@
 """What is shown before a real arm moves."""
 
-from protocols.confirmation import confirmation_screen, expected_answer
+from tacauchy_rig.app.cli.confirmation import confirmation_screen, expected_answer
 from tacauchy_rig.core.config.load import load_config
 
 
-def test_the_screen_shows_speeds_forces_and_workspace(config):
+def test_the_screen_shows_speeds_forces_and_workspace():
     """Every number that limits the motion stands there with its unit."""
-    screen = confirmation_screen(config)
+    screen = confirmation_screen(load_config().config)
     for text in (
         "1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332 N",
         "6 N stops and retracts, 10 N triggers a protective stop",

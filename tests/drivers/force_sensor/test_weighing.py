@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivers.emulators.process import hang_weight
-from drivers.force_sensor import known_weight
-from drivers.force_sensor.known_weight import Load, weigh, weigh_connected
+from drivers.force_sensor import weighing
+from drivers.force_sensor.weighing import Load, weigh, weigh_connected
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tests.mock.bench import MockBench, SimulatedClock
@@ -64,8 +64,8 @@ def test_an_emulated_weight_is_felt_by_the_real_driver(
     run_box, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It hangs while it is told to, and is gone afterwards."""
-    monkeypatch.setattr(known_weight, "SETTLE_S", 0.2)
-    monkeypatch.setattr(known_weight, "WEIGH_S", 0.5)
+    monkeypatch.setattr(weighing, "SETTLE_S", 0.2)
+    monkeypatch.setattr(weighing, "WEIGH_S", 0.5)
     with run_box(tmp_path) as port:
         given = ['force_sensor.driver="m3733c"', f'force_sensor.port="{port}"']
         given += ['force_sensor.capacity="50 N"', 'force_sensor.calibration_sheet="none"']

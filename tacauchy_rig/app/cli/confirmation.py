@@ -1,10 +1,13 @@
 """Confirmation by the operator before a real arm moves."""
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import AbortedError
 
 LAST_WORDS = """\
 Any key, Ctrl-C or a lost terminal stops the arm and takes it slowly off the gel;
@@ -13,21 +16,25 @@ This program is not a safety system. The pendant's emergency stop, safety planes
 reduced mode are. Keep a hand on the stop."""
 
 
+def confirm(config: RigConfig) -> None:
+    """Show what will move and ask for the sensor's name."""
+    say(confirmation_screen(config))
+    console.print("> ", end="")
+    answer = sys.stdin.readline().strip()
+    if answer != expected_answer(config):
+        raise AbortedError(
+            f"not confirmed: {answer!r} is not {expected_answer(config)!r}; nothing moved",
+            remedy="run the same command again and type the sensor's name",
+        )
+
+
 def confirmation_screen(config: RigConfig) -> str:
     """Return what will move, how fast, how hard and where, on one screen."""
     robot = config.robot
     rows = [f"  {name:<10}{text}" for name, text in _rows(config)]
-    return "\n".join(
-        [
-            f"A REAL ARM WILL MOVE: UR5 {robot.model.value} at {robot.host}",
-            "",
-            *rows,
-            "",
-            LAST_WORDS,
-            "",
-            f"Type the sensor's name to go: {expected_answer(config)}",
-        ]
-    )
+    title = f"A REAL ARM WILL MOVE: UR5 {robot.model.value} at {robot.host}"
+    request = f"Type the sensor's name to go: {expected_answer(config)}"
+    return "\n".join([title, "", *rows, "", LAST_WORDS, "", request])
 
 
 def expected_answer(config: RigConfig) -> str:
