@@ -56,7 +56,8 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         measure = partial(_measured, model, deepest, most_m)
         rows.append(kept((deepest, edge_of(model)), 8, measure))
     table = np.array(rows)
-    return ForceBias(*table[:, :4].T, table[:, 4:])
+    constant, slope, constant_left, slope_left = table[:, :4].T
+    return ForceBias(constant, slope, constant_left, slope_left, table[:, 4:])
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
