@@ -6,12 +6,13 @@ the same angle about +y. One towards y is a rotation by minus that angle about x
 
 import hashlib
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,22 +80,29 @@ def _program() -> bytes:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
 
 
+def kept(content: Any, count: int, find: Callable[[], FloatArray]) -> FloatArray:
+    """Return numbers, shape [count], found anew unless this machine keeps them by their content."""
+    digest = hashlib.sha256(pickle.dumps((content, _program()))).hexdigest()
+    file = cache_folder().with_name("forces") / f"{digest[:24]}.txt"
+    try:
+        found = np.loadtxt(file, ndmin=1)
+    except (OSError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (count,):
+        found = find()
+        with suppress(RecordError):  # a folder that cannot be written costs only time
+            write_atomically(file, "\n".join(map(repr, found.tolist())).encode())
+    return found
+
+
 def kept_forces(
     scene: Scene, depths_m: Sequence[float], *, refinement: float, contact_force_n: float = 0.0
 ) -> FloatArray:
     """Return what ``forces_at`` does, and keep it on this machine by its content."""
     scene = replace(scene, outputs=frozenset(), target=Target(depth_m=max(depths_m)))
-    content = pickle.dumps((scene, tuple(depths_m), refinement, contact_force_n, _program()))
-    file = cache_folder().with_name("forces") / f"{hashlib.sha256(content).hexdigest()[:24]}.txt"
-    try:
-        found = np.loadtxt(file, ndmin=1)
-    except (OSError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (len(depths_m),):
-        found = forces_at(scene, depths_m, refinement=refinement, contact_force_n=contact_force_n)
-        with suppress(RecordError):  # a folder that cannot be written costs only time
-            write_atomically(file, "\n".join(map(repr, found.tolist())).encode())
-    return found
+    how = {"refinement": refinement, "contact_force_n": contact_force_n}
+    content = (scene, tuple(depths_m), how)
+    return kept(content, len(depths_m), lambda: forces_at(scene, depths_m, **how))
 
 
 # Moments against a tilt are 2 to 4 % higher than with edges 0.7 times as long, in a quarter of the

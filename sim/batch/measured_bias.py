@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Motion, Scene, Target
+from sim.sensitivity import kept
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
@@ -36,41 +38,50 @@ _TOLERANCE = 0.01
 def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -> ForceBias:
     """Measure the bias of forces under upright indenters on a sensor's model, for ``Batch``.
 
+    It is kept on this machine, by its content.
+
     Raises:
         RigError: An indenter cannot be pressed on a mesh of its own.
     """
-    pad, friction = sensor.pad, model.contact_options.friction
+    friction = model.contact_options.friction
+    contact: dict[str, Any] = {}
+    if friction > 0.0:
+        contact = {"contact": ContactMode.FRICTION, "friction": friction}
+    rows = []
+    for body in indenters:
+        most_m = _DEPTHS[1] * model.height_m
+        if isinstance(body, Sphere):
+            most_m = min(most_m, _BALL_SHARE * body.diameter_m)
+        deepest = sensor.scene(body, Target(depth_m=most_m), **contact)
+        measure = partial(_measured, model, deepest, most_m)
+        rows.append(kept((deepest, edge_of(model)), 8, measure))
+    table = np.array(rows)
+    constant, slope, constant_left, slope_left = table[:, :4].T
+    return ForceBias(constant, slope, constant_left, slope_left, table[:, 4:])
+
+
+def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
+    """Return the bias under a scene's indenter, its ``ForceBias`` in one row, shape [8]."""
+    pad = deepest.pad
     assert isinstance(pad, BoxPad)  # noqa: S101 - that of a sensor's model is
     half = np.array(pad.half_extents()) - _MARGIN_M
     centres = half * (2.0 * Sobol(2, scramble=False).random(_FINE) - 1.0)
     cell = edge_of(model) * (2.0 * Sobol(2, scramble=False).random(_PLACES) - 1.0)
-    contact: dict[str, Any] = {}
-    if friction > 0.0:
-        contact = {"contact": ContactMode.FRICTION, "friction": friction}
-    fine_n, poses = [], np.zeros((len(indenters), _FINE, _PLACES, 7))
-    for body, own in zip(indenters, poses, strict=True):
-        most_m = _DEPTHS[1] * model.height_m
-        if isinstance(body, Sphere):
-            most_m = min(most_m, _BALL_SHARE * body.diameter_m)
-        depths_m = np.geomspace(_DEPTHS[0] * model.height_m, most_m, _FINE)
-        for around, centre, depth_m in zip(own, centres, depths_m, strict=True):
-            scene = sensor.scene(body, Target(depth_m=float(depth_m)), **contact)
-            force_n, around[:] = press_alone(scene, centre, np.array([0.0, 0.0, 0.0, 1.0]))
-            fine_n.append(force_n)
-            around[:, :2] += cell
-            around[:, 2] += pad.height_at(*around[:, :2].T) - pad.height_at(*centre[:, None])
-    which = np.repeat(np.arange(len(indenters)), _FINE * _PLACES)
-    felt_n = Batch(model, indenters, which).step(poses.reshape(-1, 7)).raw_wrench[:, 2]
+    depths_m = np.geomspace(_DEPTHS[0] * model.height_m, most_m, _FINE)
+    fine_n, poses = np.zeros(_FINE), np.zeros((_FINE, _PLACES, 7))
+    for k, (centre, depth_m) in enumerate(zip(centres, depths_m, strict=True)):
+        scene = replace(deepest, target=Target(depth_m=float(depth_m)))
+        fine_n[k], poses[k] = press_alone(scene, centre, np.array([0.0, 0.0, 0.0, 1.0]))
+        poses[k, :, :2] += cell
+        poses[k, :, 2] += pad.height_at(*poses[k, :, :2].T) - pad.height_at(*centre[:, None])
+    batch = Batch(model, [deepest.indenter], [0] * (_FINE * _PLACES))
+    felt_n = batch.step(poses.reshape(-1, 7)).raw_wrench[:, 2]
     if not (felt_n > 0.0).all():
         raise ConfigError("no force where the bias is measured", remedy="take a shorter edge_m")
-    shape = (len(indenters), _FINE * _PLACES)
-    off = (felt_n / np.repeat(fine_n, _PLACES) - 1.0).reshape(shape)
-    sizes = np.log(felt_n).reshape(shape)
-    fits = np.array([np.polyfit(*each, 2) for each in zip(sizes, off, strict=True)])
-    left = [np.abs(y - np.polyval(c, x)) for c, x, y in zip(fits, sizes, off, strict=True)]
-    none, stated = np.zeros(len(indenters)), np.percentile(left, 95.0, axis=1) + _TOLERANCE
-    by_force = np.column_stack([fits[:, 1], fits[:, 0], sizes.min(axis=1), sizes.max(axis=1)])
-    return ForceBias(fits[:, 2], none, stated, none, by_force)
+    off, size = felt_n / np.repeat(fine_n, _PLACES) - 1.0, np.log(felt_n)
+    square, linear, constant = fit = np.polyfit(size, off, 2)
+    left = np.percentile(np.abs(off - np.polyval(fit, size)), 95.0) + _TOLERANCE
+    return np.array([constant, 0.0, left, 0.0, linear, square, size.min(), size.max()])
 
 
 def press_alone(
