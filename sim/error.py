@@ -176,7 +176,7 @@ def estimate_from(
 
 
 def _slope_of(rule: _Rule, output: Output, changes: dict[Output, float]) -> float:
-    """Return which share of an output's change is its error."""
+    """Return how many times an output's change counts as its error."""
     is_fitted = changes[output] <= _FITTED.get(output, math.inf)
     return rule[output][0] if is_fitted else max(1.0, rule[output][0])
 

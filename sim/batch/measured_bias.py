@@ -38,7 +38,7 @@ _TOLERANCE = 0.01
 def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -> ForceBias:
     """Measure the bias of forces under upright indenters on a sensor's model, for ``Batch``.
 
-    It is kept on this machine, by its content.
+    This machine keeps the result until scene, edge or simulator change.
 
     Raises:
         RigError: An indenter cannot be pressed on a mesh of its own.

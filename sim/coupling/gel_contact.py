@@ -39,8 +39,8 @@ class GelContact:
         count: Gels.
         sensor: Name, or path of a sensor's file.
         edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
-        measures_bias: Measure the mesh's error of F_z for this indenter at set-up, by a few presses
-            on fine meshes.
+        measures_bias: Measure the mesh's error of F_z for this indenter at the first set-up, by
+            eight presses on fine meshes (11 to 36 s on one core), and correct F_z by it.
         friction: Coulomb coefficient between object and gel.
         loss_s: Viscous forces of the gel over its stiffness times speed [s]; 2 ms are a loss
             tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` excludes them.
