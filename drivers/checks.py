@@ -21,7 +21,7 @@ from tacauchy_rig.core.check_result import (
     passed,
     skipped,
 )
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import FZ, ForceSample, ImageFrame

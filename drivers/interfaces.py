@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, TypeVar
 
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, Pose, Vector6

@@ -17,7 +17,7 @@ from protocols.processes.recorder import RecordKeeper, encoded
 from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.journal import append_event

@@ -9,7 +9,7 @@ from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_wire import safety_reason
 from drivers.interfaces import DeviceIdentity
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, SafetyError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 

@@ -25,7 +25,7 @@ from drivers.arm.ur5_wire import (
     pack_packet,
     safety_reason,
 )
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _OUTPUTS = ["timestamp", "robot_mode", "runtime_state", "safety_status_bits", "actual_TCP_pose"]

@@ -12,7 +12,7 @@ import cv2
 from drivers.camera.pictures import RECORDED_AS
 from drivers.camera.v4l2 import Offer, PixelFormat, VideoMode, modes_for, read_offer
 from drivers.interfaces import MANUAL_EXPOSURE
-from tacauchy_rig.core.config.model import CameraSection
+from tacauchy_rig.core.config.settings import CameraSection
 from tacauchy_rig.core.errors import DeviceError
 
 READ_TIMEOUT_S = 10.0

@@ -31,7 +31,7 @@ from drivers.camera.v4l2 import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 

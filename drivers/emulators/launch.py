@@ -15,7 +15,7 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Vector3
 

@@ -27,7 +27,7 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings
-from tacauchy_rig.core.config.model import IndenterKind
+from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.run import Pose
 

@@ -25,7 +25,7 @@ from drivers.force_sensor.sri_wire import (
 )
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer, device_holders
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample
 

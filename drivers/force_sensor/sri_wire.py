@@ -26,7 +26,7 @@ import struct
 import zlib
 from typing import NamedTuple
 
-from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.run import ForceSample, Vector6
 
 MARK = b"\xaa\x55"

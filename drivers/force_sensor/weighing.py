@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from drivers.interfaces import Clock, ForceTorqueSensor, HostClock
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ForceSample, Tare, vector6

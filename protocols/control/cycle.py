@@ -15,7 +15,7 @@ from protocols.guard.force import ForceGuard
 from protocols.guard.streams import StreamGuard
 from protocols.guard.witness import Witness
 from protocols.guard.workspace import FollowGuard, Workspace
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 
 BEYOND_M = 0.0002
 """How far below the lowest surface that is known the search goes on: the way of the softest gel to

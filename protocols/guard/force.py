@@ -6,7 +6,7 @@ from enum import StrEnum
 from operator import sub
 
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, ForceSample, Tare, Vector6, vector6
 
 SATURATED_FRACTION = 0.95

@@ -4,7 +4,7 @@ from collections import deque
 
 from drivers.interfaces import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ForceSample
 
 RATIO_WINDOW_NS = 2_000_000_000

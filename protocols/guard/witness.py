@@ -18,7 +18,7 @@ import numpy as np
 
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.model import RigConfig, RobotModel
+from tacauchy_rig.core.config.settings import RigConfig, RobotModel
 from tacauchy_rig.core.force_history import CREEP_SHARE
 from tacauchy_rig.core.run import FZ, ArmSample, ExpectedPress
 

@@ -4,7 +4,7 @@ import math
 from collections import deque
 
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.rotations import rotated
 from tacauchy_rig.core.run import ArmSample, Pose, Vector3

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity, FrameMark, StreamHealth
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ExpectedPress
 
 

@@ -28,7 +28,7 @@ from protocols.processes.messages import (
 from protocols.processes.viewing import CONTROL_ENDED, Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.force_series import force_series

@@ -16,7 +16,7 @@ from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.depth import DepthGuard, Floor, search_floor
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward, listen, summarise
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
 from tacauchy_rig.core.run import TrialRecord
 

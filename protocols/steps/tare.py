@@ -4,7 +4,7 @@ from drivers.force_sensor.weighing import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.steps.motion import listen
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Criterion, Tare
 
 TRIES = 3

@@ -6,7 +6,7 @@ import numpy as np
 
 from protocols.steps.preflight import TRAVEL_M
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
 
 UNKNOWN_DEPTH_M = 0.5e-3

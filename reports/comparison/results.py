@@ -9,7 +9,7 @@ from reports.scores.contact import ContactScores, Corrections, PoseResidual
 from reports.scores.floors import Ceiling, Floors, ForceMargin, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
 from reports.scores.metrics import ImageScores, MeanInterval
-from tacauchy_rig.core.config.model import ReportSection
+from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.run import Criterion, Outcome
 from tacauchy_rig.core.simulated import ReplayModel
 

@@ -13,7 +13,7 @@ from hashlib import sha256
 from typing import Any
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.model import ReportSection
+from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve

@@ -11,7 +11,7 @@ import numpy as np
 
 from reports.evidence.attempt import RunReading, intermediate_states, readable
 from reports.evidence.evidence import EmulatedWorld, JournalSummary, RunEvidence, TrialEvidence
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck

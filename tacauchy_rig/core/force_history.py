@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.force_check import SCALE_SHARE, ForceCheck
 from tacauchy_rig.core.run import Criterion, TrialRecord
 

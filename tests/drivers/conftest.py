@@ -17,7 +17,7 @@ from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess
 from drivers.interfaces import StreamingDevice
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig, RobotModel
+from tacauchy_rig.core.config.settings import RigConfig, RobotModel
 from tacauchy_rig.core.run import Vector3
 
 SampleT = TypeVar("SampleT")

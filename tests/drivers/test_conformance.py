@@ -22,7 +22,7 @@ from drivers.emulators.launch import Emulation
 from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.interfaces import build_arm_and_force_sensor, build_camera
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tests.mock.arm import MockArm
 from tests.mock.streams import MockCamera, MockForceSensor
 

@@ -7,7 +7,7 @@ from typing import Self
 from drivers.emulators.arm.body import ForceEstimate
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
 from drivers.interfaces import DeviceIdentity, HostClock
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6
 from tests.mock.world import MockWorld, Still

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.emulators.faults import Device, FaultKind, SilentImageFaults, SilentWrenchFaults
 from drivers.interfaces import DeviceIdentity, HostClock, StreamHealth
 from drivers.stream_buffer import StreamBuffer
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tests.mock.world import STEP_S, MockWorld

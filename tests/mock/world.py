@@ -11,7 +11,7 @@ from functools import partial
 
 from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.interfaces import Clock
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import Pose, Vector6, vector6
 
 STEP_S = 0.002

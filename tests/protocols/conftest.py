@@ -16,7 +16,7 @@ from protocols.guard.breach import BreachError, Reaction
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import (
     ArmSample,
     ExpectedPress,

@@ -23,7 +23,7 @@ from reports.evidence.evidence import (
 )
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
-from tacauchy_rig.core.config.model import ReportSection
+from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,

@@ -13,7 +13,7 @@ from drivers.arm.ur5_wire import (
     SafetyBit,
     Value,
 )
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
 

@@ -23,7 +23,7 @@ from drivers.arm.ur5_wire import (
 )
 from drivers.emulators.arm.body import VERSIONS, ControllerBody
 from drivers.emulators.faults import take_due
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _BACKLOG_LIMIT = 1 << 20

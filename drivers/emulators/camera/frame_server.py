@@ -23,7 +23,7 @@ import numpy as np
 
 from drivers.emulators.process import short_address
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.model import VideoDeviceName
+from tacauchy_rig.core.config.settings import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 
 _BACKLOG = 4  # frames that wait for a slow reader before the oldest is lost

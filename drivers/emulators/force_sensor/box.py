@@ -31,7 +31,7 @@ from drivers.force_sensor.sri_wire import (
     encode_frame,
     encode_reply,
 )
-from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.force_check import GRAVITY_M_S2
 from tacauchy_rig.core.rotations import rotated
 from tacauchy_rig.core.run import Vector3, Vector6

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
-from tacauchy_rig.core.config.model import RigConfig, SyncMode
+from tacauchy_rig.core.config.settings import RigConfig, SyncMode
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import FZ, Phase

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tacauchy_rig.app.cli.output import console, say
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError
 
 LAST_WORDS = """\

@@ -24,7 +24,7 @@ from tacauchy_rig.core.long_task import doing
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
     from reports.evidence.evidence import RunEvidence
-    from tacauchy_rig.core.config.model import RigConfig
+    from tacauchy_rig.core.config.settings import RigConfig
     from tacauchy_rig.core.simulated import Outputs
 
 

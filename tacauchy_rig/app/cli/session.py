@@ -29,7 +29,7 @@ from tacauchy_rig.core.long_task import doing
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
     from tacauchy_rig.core.config.load import LoadedConfig
-    from tacauchy_rig.core.config.model import RigConfig
+    from tacauchy_rig.core.config.settings import RigConfig
     from tacauchy_rig.core.force_check import Weight
     from tacauchy_rig.core.store.run_store import RunStore
 

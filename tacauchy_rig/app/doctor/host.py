@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.durable import existing_folder, free_bytes
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session

@@ -12,7 +12,7 @@ from tacauchy_rig.app.importing.importer import MESH, PATH_FIELDS, RIG_FIELDS, R
 from tacauchy_rig.app.importing.presses import Samples, Window
 from tacauchy_rig.app.importing.table import as_toml
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
-from tacauchy_rig.core.config.model import IndenterKind
+from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.registry import Kind, unknown

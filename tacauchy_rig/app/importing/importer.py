@@ -22,7 +22,7 @@ from tacauchy_rig.app.importing.source import MIB, Problems, Source
 from tacauchy_rig.app.importing.table import as_toml, read_section
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
-from tacauchy_rig.core.config.model import IMPORTED, RigConfig
+from tacauchy_rig.core.config.settings import IMPORTED, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.run import (

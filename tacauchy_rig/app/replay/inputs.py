@@ -17,7 +17,7 @@ from sim.scene.scene import Drive, Output, Preset, Scene, Target
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.optics import calibrated_optics
-from tacauchy_rig.core.config.model import IndenterKind, RigConfig
+from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, names, unknown
 

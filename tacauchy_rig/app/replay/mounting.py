@@ -18,7 +18,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
+from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord

@@ -11,7 +11,7 @@ from reports.evidence.attempt import AttemptReading, RunReading
 from sim.error import Tolerance
 from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord
 

@@ -42,7 +42,7 @@ from tacauchy_rig.app.replay.places import PROBES_NAME, press_together, replay_p
 from tacauchy_rig.app.replay.rendering import image_of, rendered
 from tacauchy_rig.app.replay.uncertainty import NEARLY_UPRIGHT, force_inputs, rounded_rim
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.model import PoseSource, RigConfig
+from tacauchy_rig.core.config.settings import PoseSource, RigConfig
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import worker_process

@@ -16,7 +16,7 @@ from sim.scene.pad import BoxPad, SurfacePad
 from sim.sensitivity import COARSE, FINER, can_tilt, kept_forces
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.uncertainty import Stated, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.simulated import ForceInput, FoundValue

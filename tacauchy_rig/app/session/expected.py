@@ -17,7 +17,7 @@ from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.run import ExpectedPress

@@ -12,7 +12,7 @@ from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.app.session.expected import kept_expectation
 from tacauchy_rig.core.config.load import Change, LoadedConfig
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.force_check import EXPIRY_H, ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord

@@ -31,7 +31,7 @@ from sim.twin.follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFram
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
 from tacauchy_rig.core.run import JournalEvent, Phase

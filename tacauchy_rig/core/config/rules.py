@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 
 OVERRUN_DELAY_S = 0.05
 """Reaction of the loop plus the arm's stop: about 50 ms, so 1 mm/s overruns by about 55 um."""

@@ -8,7 +8,7 @@ standard uncertainty a / sqrt(3) (GUM 4.3.7).
 import math
 from dataclasses import dataclass
 
-from tacauchy_rig.core.config.model import RigConfig, RobotModel
+from tacauchy_rig.core.config.settings import RigConfig, RobotModel
 
 DEPTH_ERROR_M = {RobotModel.E_SERIES: 20e-6, RobotModel.CB3: 30e-6}
 """Difference of two heights within a millimetre: below the repeatability that the data sheets give

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.durable import free_bytes
 from tacauchy_rig.core.store.run_files import read_error

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacauchy_rig.core.config.load import LoadedConfig, restore_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line, naming
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.rgb import decode_rgb, encode_png

@@ -15,7 +15,7 @@ from drivers.emulators.faults import parse_fault
 from drivers.emulators.process import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say

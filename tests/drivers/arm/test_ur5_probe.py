@@ -12,7 +12,7 @@ from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, Runtime
 from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import post_fault
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _MODELS = list(RobotModel)

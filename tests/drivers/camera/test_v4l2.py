@@ -27,7 +27,7 @@ from drivers.emulators.camera.frame_server import (
     serve_device,
 )
 from drivers.emulators.camera.stream import encode_jpeg
-from tacauchy_rig.core.config.model import VideoDeviceName
+from tacauchy_rig.core.config.settings import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 
 MINI, DIGIT = (description_of(name) for name in VideoDeviceName)

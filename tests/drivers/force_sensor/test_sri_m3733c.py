@@ -20,7 +20,7 @@ from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from drivers.interfaces import DeviceIdentity
 from drivers.stream_buffer import device_holders
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample
 from tests.drivers.conftest import changed, collect, wait_until

@@ -17,7 +17,7 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
-from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.run import Vector6
 
 MANUAL = bytes.fromhex("AA55001BC4C7016AF4C0EF7D33C04962C9C0A25CC6BDA6198FBDAFDA693E6E")

@@ -9,7 +9,7 @@ from collections import deque
 from typing import Self
 
 from drivers.interfaces import DeviceIdentity
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector3, Vector6
 

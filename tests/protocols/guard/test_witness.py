@@ -19,7 +19,7 @@ from protocols.guard.witness import (
     Witness,
 )
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import ExpectedPress
 from tests.protocols.conftest import arm_state
 

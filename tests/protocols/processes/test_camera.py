@@ -11,7 +11,7 @@ from protocols.control.record import Begin
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.link import RemoteCamera
 from protocols.processes.messages import Channel
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ImageFrame
 from tests.mock.bench import SimulatedClock
 from tests.mock.streams import MockCamera

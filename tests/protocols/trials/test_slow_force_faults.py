@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of

@@ -26,7 +26,7 @@ from tacauchy_rig.app.cli.output import (
 )
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.uncertainty import force_inputs, variations
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord

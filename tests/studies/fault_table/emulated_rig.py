@@ -15,7 +15,7 @@ from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tests.drivers.arm_notes import TraceRow, read_trace
 from tests.studies.fault_table.cases import DWELL_S, TARGET_N
 

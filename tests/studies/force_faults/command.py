@@ -8,7 +8,7 @@ from typing import Annotated, Unpack
 import typer
 
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.tables import About, Table, table_of
 from tests.studies.force_faults.runner import press

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import ExpectedPress
 from tests.mock.world import Gel
 

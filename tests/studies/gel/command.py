@@ -33,7 +33,7 @@ from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 

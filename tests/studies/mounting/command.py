@@ -22,7 +22,7 @@ from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, w
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.mounting import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.app.replay.optics import Say
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord
 from tacauchy_rig.core.tables import Table, table_of
 from tests.studies.verdict.bench import Bench

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.force_check import ForceCheck, Weight, judge_weight, parse_weight
 from tacauchy_rig.core.force_history import judge_forces

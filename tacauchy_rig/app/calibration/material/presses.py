@@ -17,7 +17,7 @@ from tacauchy_rig.app.replay.parts import Part, parts_of
 from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.core.arrays import FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import Dimension

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.arm.body import COARSENESS, STILL, ForceEstimate, ToolMotion
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
 from tacauchy_rig.core.run import Pose, Vector3, Vector6
 

@@ -22,7 +22,7 @@ from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, command_line, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say
 from tests.drivers.conftest import changed, wait_until

@@ -16,7 +16,7 @@ from drivers.emulators.arm.body import NORMAL, PROTECTIVE_STOP, ControllerBody
 from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.ports import Connection, DashboardPort, ScriptPort
 from drivers.emulators.launch import free_loopback_host
-from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import read_events, read_trace
 

@@ -21,7 +21,7 @@ from drivers.emulators.camera.frame_server import (
 from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import VideoDeviceName
+from tacauchy_rig.core.config.settings import VideoDeviceName
 
 ROOT = Path(__file__).parents[4]
 

@@ -18,7 +18,7 @@ from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from drivers.force_sensor.sri_m3733c import SriM3733c
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.run import Pose
 from tests.drivers.conftest import changed, collect
 

@@ -17,7 +17,7 @@ from tacauchy_rig.app.doctor.host import (
 )
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
 
 

@@ -30,7 +30,7 @@ from tacauchy_rig.app.replay.rendering import (
     spread,
 )
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 from tests.studies.mounting.command import drawn_dwells

@@ -30,7 +30,7 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
 )
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.tacauchy_rig.app.importing.test_places import CUBE

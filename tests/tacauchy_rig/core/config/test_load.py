@@ -14,8 +14,8 @@ from tacauchy_rig.core.config.load import (
     restore_config,
     resumed_config,
 )
-from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError
 
 
