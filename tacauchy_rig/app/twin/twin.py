@@ -1,6 +1,5 @@
 """The twin of a configuration: it follows a run that goes on, or that was recorded."""
 
-import base64
 import json
 import math
 from collections import deque
@@ -33,7 +32,7 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of, s
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
+from tacauchy_rig.core.rgb import data_url, decode_rgb, encode_jpeg, reduction_to
 from tacauchy_rig.core.run import JournalEvent, Phase
 
 _QUALITY = 85
@@ -418,11 +417,7 @@ def _row(
         "residual": residual,
         **{f"{name}_kpa": most_kpa for name, (most_kpa, _) in maps.items()},
         "note": made.note,
-        "real": _uri(jpeg_of(real)),
-        "twin": _uri(jpeg_of(made.image)),
-        **{name: _uri(drawn) for name, (_, drawn) in maps.items()},
+        "real": data_url(jpeg_of(real)),
+        "twin": data_url(jpeg_of(made.image)),
+        **{name: data_url(drawn) for name, (_, drawn) in maps.items()},
     }
-
-
-def _uri(jpeg: bytes) -> str:
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")
