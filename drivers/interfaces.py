@@ -16,18 +16,8 @@ from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, Pose, Vector6
 
 
-class Clock(Protocol):
-    """The clock that stamps all arriving data."""
-
-    def now_ns(self) -> int:
-        """Return nanoseconds since an arbitrary start."""
-
-    def sleep(self, duration_s: float) -> None:
-        """Wait for ``duration_s`` [s]."""
-
-
-class HostClock:
-    """``time.monotonic_ns``; the same clock in every process of this host."""
+class Clock:
+    """Stamps all arriving data: ``time.monotonic_ns``, the same in every process of this host."""
 
     def now_ns(self) -> int:
         """Return nanoseconds of the host's monotonic clock."""

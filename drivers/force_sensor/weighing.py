@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from drivers.interfaces import Clock, ForceTorqueSensor, HostClock
+from drivers.interfaces import Clock, ForceTorqueSensor
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.registry import Kind, load
@@ -55,7 +55,7 @@ def weigh(config: RigConfig, *, ask: Callable[[Load], None]) -> tuple[Tare, Tare
     sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, config.force_sensor.driver)(config, None)
     try:
         sensor.connect()
-        return weigh_connected(sensor, HostClock(), config, ask=ask)
+        return weigh_connected(sensor, Clock(), config, ask=ask)
     finally:
         sensor.close()
 

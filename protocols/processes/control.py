@@ -10,9 +10,9 @@ import time
 
 from drivers.interfaces import (
     Arm,
+    Clock,
     DeviceIdentity,
     ForceTorqueSensor,
-    HostClock,
     Rig,
     build_arm_and_force_sensor,
 )
@@ -90,7 +90,7 @@ def control(job: Job, supervisor: Channel) -> None:
         abort.handle_signals()
         orders = Orders(supervisor, abort)
         supervisor.send(Ready(devices=devices))
-        rig = Rig(arm=arm, force_sensor=force_sensor, camera=camera, clock=HostClock())
+        rig = Rig(arm=arm, force_sensor=force_sensor, camera=camera, clock=Clock())
         _wait_for_go(orders, rig, abort)
         result = _run(rig, job, link, supervisor, abort)
     finally:

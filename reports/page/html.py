@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
 from reports.comparison.results import (
     COUNTS,
@@ -30,7 +30,8 @@ from reports.figures.trials import MAX_COLUMNS, shown, spread
 from reports.scores.floors import SkillStatus
 from reports.scores.metrics import Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.rgb import encode_jpeg
+from tacauchy_rig.core.page import environment_of
+from tacauchy_rig.core.rgb import data_url, encode_jpeg
 
 MOST_PRESSES = 12
 """That have a slider; with eight states each the page grows by two megabytes at most."""
@@ -86,17 +87,13 @@ def _pictures(trial: TrialEvidence) -> Iterator[dict[str, str]]:
         if state.frame is not None:
             real = cv2.resize(state.frame.image, (width, height), interpolation=cv2.INTER_AREA)
             images["real"] = np.asarray(real, dtype=np.uint8)
-        yield {kind: _data(image) for kind, image in images.items()}
+        jpegs = {kind: encode_jpeg(image, quality=_QUALITY) for kind, image in images.items()}
+        yield {kind: data_url(jpeg) for kind, jpeg in jpegs.items()}
 
 
 def _coloured(values: FloatArray, highest: float, colors: str) -> ImageArray:
     shares = np.clip(values / max(highest, 1e-300), 0.0, 1.0)
     return np.asarray(mpl.colormaps[colors](shares, bytes=True))[..., :3]
-
-
-def _data(image: ImageArray) -> str:
-    packed = base64.b64encode(encode_jpeg(image, quality=_QUALITY)).decode()
-    return f"data:image/jpeg;base64,{packed}"
 
 
 ABSENT = "\u2013"
@@ -123,8 +120,8 @@ def render_html(
     """
     script, environment = report_script(), page_environment(summary)
     environment.globals |= {
-        "figure_data": lambda name: png_data(figures / f"{name}.png"),
-        "image_data": lambda name: png_data(images / name),
+        "figure_data": lambda name: data_url((figures / f"{name}.png").read_bytes()),
+        "image_data": lambda name: data_url((images / name).read_bytes()),
         "intermediate": intermediate,
         "script": script,
         "script_hash": base64.b64encode(sha256(script.encode()).digest()).decode(),
@@ -146,13 +143,7 @@ def report_script() -> str:
 
 def page_environment(summary: Mapping[str, Any]) -> Environment:
     """Return what pages are rendered by: number formats, scores, and whose the images are."""
-    environment = Environment(
-        loader=PackageLoader("reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = environment_of("reports")
     environment.filters |= {
         write.__name__: write for write in (number, signed, plain, words, named, interval, unjudged)
     }
@@ -161,11 +152,6 @@ def page_environment(summary: Mapping[str, Any]) -> Environment:
         "camera": camera_of(summary["provenance"], simulated=summary["simulated"]),
     }
     return environment
-
-
-def png_data(path: Path) -> str:
-    """Return a PNG file as a data URL."""
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 def number(value: float | None, digits: int = 3, factor: float = 1.0, unit: str = "") -> str:

@@ -29,11 +29,12 @@ from reports.figures.differences import (
 )
 from reports.figures.images import show_framed
 from reports.figures.trials import force_title, shown
-from reports.page.html import page_environment, png_data
+from reports.page.html import page_environment
 from reports.scores.contact import contact_crop, touched
 from tacauchy_rig.core.figure_style import PAGE_IN, STYLE, new_figure, save_figure
+from tacauchy_rig.core.rgb import data_url
 from tacauchy_rig.core.store.codec import to_plain
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.durable import writing
 from tacauchy_rig.core.versions import versions
 
 MARGINS_IN = 1.0
@@ -133,12 +134,10 @@ def write_judgement(judgement: Judgement, folder: Path) -> JudgedPaths:
         save_figure(draw_judged(judgement), folder, FIGURE)
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     html = page_environment(content).get_template("judged.html.jinja")
-    try:
+    with writing(folder):
         paths.json.write_text(text + "\n", encoding="utf-8")
-        shown = html.render(judged=content, figure=png_data(paths.figure))
+        shown = html.render(judged=content, figure=data_url(paths.figure.read_bytes()))
         paths.html.write_text(shown, encoding="utf-8")
-    except OSError as error:
-        raise write_error(folder, error) from error
     return paths
 
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.durable import writing
 
 COLUMN_IN = 3.5
 PAGE_IN = 7.16
@@ -79,11 +79,9 @@ def save_figure(
     if page_folder is not None:
         wanted.append((page_folder / f"{name}.png", quick | {"dpi": SCREEN_DPI}))
     for path, options in wanted:
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path, **{"dpi": PRINT_DPI, **options})
-        except OSError as error:
-            raise write_error(path, error) from error
     return [path for path, _ in wanted]
 
 

@@ -4,10 +4,9 @@ import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from importlib import resources
 from typing import TypedDict
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tacauchy_rig.core.tables import Table, markdown_cell, markdown_table
 from tacauchy_rig.core.versions import machine, versions
@@ -80,16 +79,20 @@ def sentences(
 @cache
 def _environment(package: str) -> Environment:
     """Return what reads a package's templates, and compiles each only once."""
-    environment = Environment(
-        loader=FunctionLoader(lambda name: resources.files(package).joinpath(name).read_text()),
-        # Markdown, not HTML.
-        autoescape=False,  # noqa: S701
+    environment = environment_of(package, ".", is_html=False)
+    environment.filters |= {"table": markdown_table, "cell": markdown_cell}
+    return environment
+
+
+def environment_of(package: str, folder: str = "templates", *, is_html: bool = True) -> Environment:
+    """Return what reads templates in a folder of a package, as all pages here are written."""
+    return Environment(
+        loader=PackageLoader(package, folder),
+        autoescape=is_html,  # noqa: S701 - Markdown is none
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"table": markdown_table, "cell": markdown_cell}
-    return environment
 
 
 def filled(text: str) -> str:

@@ -1,5 +1,6 @@
 """Images as RGB or grey, uint8: the one decoder and encoder of JPEG and PNG."""
 
+import base64
 import struct
 from enum import StrEnum
 
@@ -23,6 +24,7 @@ _GREY = {
 }
 
 
+_PNG = b"\x89PNG"
 _MAX_PIXELS = 64 << 20
 """Far above any camera here; a file of some kilobytes can claim a hundred times as many."""
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -58,7 +60,7 @@ def decode_grey(data: bytes, *, reduction: int = 1) -> ImageArray | None:
 
 def _pixel_count(data: bytes) -> int:
     """Return how many pixels a JPEG or PNG says that it has; 0 where it does not say."""
-    if data.startswith(b"\x89PNG"):
+    if data.startswith(_PNG):
         width, height = struct.unpack(">II", data[16:24].ljust(8, b"\0"))
         return int(width * height)
     place = 2
@@ -78,6 +80,16 @@ def _decoded(data: bytes, flag: int) -> ImageArray | None:
     except cv2.error:
         return None
     return None if found is None else np.asarray(found, np.uint8)
+
+
+def media_type(picture: bytes) -> str:
+    """Return what kind of picture it is, JPEG or PNG."""
+    return "image/png" if picture.startswith(_PNG) else "image/jpeg"
+
+
+def data_url(picture: bytes) -> str:
+    """Return a JPEG or PNG as what a page shows without a link."""
+    return f"data:{media_type(picture)};base64,{base64.b64encode(picture).decode()}"
 
 
 def encode_png(image: ImageArray) -> bytes:

@@ -6,7 +6,7 @@ from typing import Self
 
 from drivers.emulators.arm.body import ForceEstimate
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
-from drivers.interfaces import DeviceIdentity, HostClock
+from drivers.interfaces import Clock, DeviceIdentity
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6
@@ -57,7 +57,7 @@ class MockArm:
     @classmethod
     def from_config(cls, config: RigConfig) -> Self:
         """Return an arm in a world of its own on the host's clock, with its planned faults."""
-        world = MockWorld(HostClock(), config)
+        world = MockWorld(Clock(), config)
         arm = cls(world)
         world.plan(config.emulation.faults)
         return arm

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Self
 
+from drivers.interfaces import Clock
 from tests.mock.arm import MockArm
 from tests.mock.streams import MockCamera, MockForceSensor
 from tests.mock.world import MockWorld
@@ -11,7 +12,7 @@ STEP_NS = 1_000
 """Reading the clock costs a microsecond, so that a loop that forgets to sleep still ends."""
 
 
-class SimulatedClock:
+class SimulatedClock(Clock):
     """Nanoseconds since the start, moved on by ``sleep``."""
 
     def __init__(self, *, start_ns: int = 1_000_000_000) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.emulators.faults import Device, FaultKind, SilentImageFaults, SilentWrenchFaults
-from drivers.interfaces import DeviceIdentity, HostClock, StreamHealth
+from drivers.interfaces import Clock, DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
@@ -139,7 +139,7 @@ class MockCamera(_MockStream[ImageFrame]):
     @classmethod
     def from_config(cls, config: RigConfig) -> Self:
         """Return a camera in a world of its own on the host's clock, with its planned faults."""
-        world = MockWorld(HostClock(), config)
+        world = MockWorld(Clock(), config)
         camera = cls(world)
         world.plan(config.emulation.faults)
         return camera

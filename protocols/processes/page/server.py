@@ -20,7 +20,7 @@ from protocols.processes.child import ignore_signals, run_child
 from protocols.processes.messages import AbortRequest, Channel, FeedReader, Job, Order, feed_readers
 from protocols.processes.page.access import AccessRule
 from protocols.processes.page.view import View
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, media_type
 from tacauchy_rig.core.run import JournalEvent
 
 PERIOD_S = 0.1
@@ -186,12 +186,6 @@ def _event(name: str, content: object) -> str:
 
 
 WIDEST_PX = 1000
-_PNG = b"\x89PNG"
-
-
-def media_type(picture: bytes) -> str:
-    """Return what kind of picture it is."""
-    return "image/png" if picture.startswith(_PNG) else "image/jpeg"
 
 
 @lru_cache(maxsize=16)

@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.durable import writing
 from tacauchy_rig.core.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
@@ -67,21 +67,17 @@ def write_json(path: Path | None, content: Any) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a page, or whatever an option names the file of."""
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise write_error(path, error) from error
 
 
 def writable_folder(path: Path) -> Path:
     """Make a folder for results before they are computed, and return it."""
-    try:
+    with writing(path):
         path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            return path
-    except OSError as error:
-        raise write_error(path, error) from error
+        tempfile.TemporaryFile(dir=path).close()
+    return path
 
 
 # Its records of a compiled module have ``compiled_s``: see sim/device.py.

@@ -42,7 +42,7 @@ from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.recording.messages import POSE_FIELDS, WRENCH_FIELDS
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import RunStore, pack_array
 
 IMAGE, WRENCH = "observation.images.tactile", "observation.wrench"
 WINDOW, STATE = "observation.wrench_window", "observation.state"
@@ -317,9 +317,7 @@ def _members(episode: Episode) -> Iterator[tuple[str, bytes]]:
     yield "json", json.dumps(dict(episode.outputs), allow_nan=False).encode()
     arrays = {"wrench_n_nm": episode.tared.within(episode.windows["dwell"]).value}
     for name, array in {**arrays, **episode.fields()}.items():
-        file = io.BytesIO()
-        np.save(file, array, allow_pickle=False)
-        yield f"{name}.npy", file.getvalue()
+        yield f"{name}.npy", pack_array(array)
 
 
 def _image(episode: Episode, window: str, share: float) -> ImageFrame:

@@ -4,7 +4,6 @@ The baseline cuts the indenter's own shape into the gel, as simple simulators dr
 next to the indenter, and nothing gives below it.
 """
 
-import io
 import math
 import time
 import tomllib
@@ -48,6 +47,7 @@ from tacauchy_rig.core.simulated import (
     model_of,
 )
 from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.run_store import pack_array, pack_arrays
 from tacauchy_rig.core.versions import machine
 
 DESCRIPTION = "simulator.toml"
@@ -171,18 +171,15 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
         if press.image is not None:
             write_atomically(place / IMAGE, encode_png(press.image))
         if press.height_m is not None:
-            buffer = io.BytesIO()
-            np.save(buffer, press.height_m.astype(np.float32), allow_pickle=False)
-            write_atomically(place / HEIGHT, buffer.getvalue())
+            write_atomically(place / HEIGHT, pack_array(press.height_m.astype(np.float32)))
         arrays: dict[str, AnyArray] = {}
         if press.pressure_pa is not None:
             arrays[PRESSURE] = press.pressure_pa
         if press.shear_pa is not None:
             arrays |= dict(zip(SHEAR, np.moveaxis(press.shear_pa, -1, 0), strict=True))
         if arrays:
-            buffer, single = io.BytesIO(), {k: v.astype(np.float32) for k, v in arrays.items()}
-            np.savez_compressed(buffer, allow_pickle=False, **single)
-            write_atomically(place / FIELDS, buffer.getvalue())
+            single = {name: array.astype(np.float32) for name, array in arrays.items()}
+            write_atomically(place / FIELDS, pack_arrays(single))
 
 
 OURS = "tacauchy_rig"

@@ -9,7 +9,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
@@ -29,6 +28,7 @@ from tacauchy_rig.app.results.runs import (
     in_words,
 )
 from tacauchy_rig.app.twin.twin import watch_script
+from tacauchy_rig.core.page import environment_of
 from tacauchy_rig.core.store.run_files import MAX_BYTES
 
 MEDIA_TYPES = {
@@ -77,13 +77,7 @@ class ResultsServer:
     ):
         self._root, self._only, self._access = root, only, access
         self._health = health or Health()
-        self._pages = Environment(
-            loader=PackageLoader("tacauchy_rig.app.results"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        self._pages = environment_of("tacauchy_rig.app.results")
         self._pages.filters["in_words"] = in_words
         style = resources.files("tacauchy_rig.app.results").joinpath("templates", "results.css")
         self._style = Response(style.read_bytes(), media_type="text/css; charset=utf-8")

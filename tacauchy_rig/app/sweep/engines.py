@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Protocol
+from typing import Any
 
 from tacauchy_rig.app.sweep.shards import Made, Shard
 from tacauchy_rig.core.errors import ConfigError, RigError
@@ -22,14 +22,8 @@ from tacauchy_rig.core.versions import library
 
 Work = Callable[[Shard, str], Made]
 """Returns a shard's file, computed on a device."""
-
-
-class Engine(Protocol):
-    """Computes shards, and yields each with its file as soon as it is there."""
-
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
-        """Compute the shards."""
-        ...
+Engine = Callable[[Work, Sequence[Shard]], Iterator[tuple[Shard, Made]]]
+"""Computes shards, and yields each with its file as soon as it is there."""
 
 
 @dataclass(frozen=True, slots=True)

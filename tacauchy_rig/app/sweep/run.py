@@ -1,6 +1,5 @@
 """A sweep: what is missing is computed, and what there is becomes a data set."""
 
-import base64
 import datetime
 import json
 import time
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 
 from tacauchy_rig.app.sweep.engines import Engine
 from tacauchy_rig.app.sweep.names import INDEX
@@ -29,7 +27,8 @@ from tacauchy_rig.app.sweep.shards import (
 )
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import doing
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
+from tacauchy_rig.core.page import environment_of
+from tacauchy_rig.core.rgb import data_url, decode_rgb, encode_jpeg
 from tacauchy_rig.core.store.durable import free_bytes, write_atomically
 from tacauchy_rig.core.versions import library
 
@@ -189,8 +188,7 @@ def write_summary(folder: Path, plan: Plan, table: Any, swept: Swept) -> None:
         "images": _images(folder, rows),
         "swept": swept,
     }
-    text = resources.files(__package__).joinpath("summary.html.jinja").read_text("utf-8")
-    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(text)
+    page = environment_of("tacauchy_rig.app.sweep", ".").get_template("summary.html.jinja")
     write_atomically(folder / "summary.html", page.render(**facts).encode())
 
 
@@ -217,8 +215,7 @@ def _images(folder: Path, rows: list[dict[str, Any]]) -> list[tuple[dict[str, An
         file = parquet().parquet.ParquetFile(folder / row["shard"])
         image = decode_rgb(file.read(columns=["image"])["image"][row["offset"]].as_py())
         assert image is not None  # noqa: S101 - a shard's own
-        small = base64.b64encode(encode_jpeg(image, quality=_QUALITY)).decode()
-        found.append((row, f"data:image/jpeg;base64,{small}"))
+        found.append((row, data_url(encode_jpeg(image, quality=_QUALITY))))
     return found
 
 

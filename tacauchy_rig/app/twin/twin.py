@@ -1,6 +1,5 @@
 """The twin of a configuration: it follows a run that goes on, or that was recorded."""
 
-import base64
 import json
 import math
 from collections import deque
@@ -33,7 +32,7 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of, s
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
+from tacauchy_rig.core.rgb import data_url, decode_rgb, encode_jpeg, reduction_to
 from tacauchy_rig.core.run import JournalEvent, Phase
 
 _QUALITY = 85
@@ -166,25 +165,6 @@ STALE_NS = 500_000_000
 """Older values are not followed: a feed that was full keeps its oldest."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TwinLine:
-    """What is kept of a frame, a line of ``twin.jsonl``."""
-
-    stamp_ns: int  # of the force or depth that was followed, by ``time.monotonic_ns``
-    trial: int
-    asked_n: float | None  # the force that was followed; None where it was a depth
-    force_n: float  # the twin's F_z [N]
-    force_error_n: float | None  # stated error of that [N]
-    depth_m: float
-    residual: float | None  # of the images inside the contact; None where it was not looked at
-    lag_ms: float  # from that stamp to the picture
-    solve_ms: float
-    draw_ms: float
-    processor_ms: float  # processor time of all of it; what others take is not in it
-    dropped: int  # forces that were left out so far because newer ones had come
-    note: str  # why the frame is not of what was followed
-
-
 class RunFollower:
     """Takes in the feeds and events of a run, and presses the twin to its latest values.
 
@@ -241,8 +221,12 @@ class RunFollower:
         found, self._goal = self._goal, None
         return found
 
-    def step(self) -> tuple[TwinLine, list[Shown]] | None:
-        """Follow the latest goal; None where there is none, or nothing is pressed now."""
+    def step(self) -> tuple[dict[str, Any], list[Shown]] | None:
+        """Follow the latest goal; None where there is none, or nothing is pressed now.
+
+        Returns:
+            A line of ``twin.jsonl``, and what viewers are shown.
+        """
         goal = self.goal()
         if goal is None or self._phase not in FOLLOWED:
             return None
@@ -257,21 +241,22 @@ class RunFollower:
         self._count += 1
         stamp_ns = round(goal.stamp_s * 1e9)
         picture = jpeg_of(frame.image)
-        line = TwinLine(
-            stamp_ns=stamp_ns,
-            trial=self._trial,
-            asked_n=goal.force_n,
-            force_n=frame.force_n,
-            force_error_n=frame.force_error_n,
-            depth_m=frame.depth_m,
-            residual=self._residual,
-            lag_ms=(monotonic_ns() - stamp_ns) * 1e-6,
-            solve_ms=1e3 * frame.solve_s,
-            draw_ms=1e3 * frame.draw_s,
-            processor_ms=1e3 * (process_time() - started_s),
-            dropped=self.dropped_count,
-            note=frame.note,
-        )
+        line = {
+            "stamp_ns": stamp_ns,  # of the force or depth that was followed
+            "trial": self._trial,
+            "asked_n": goal.force_n,  # the force that was followed; None where it was a depth
+            "force_n": frame.force_n,  # the twin's F_z [N]
+            "force_error_n": frame.force_error_n,  # stated error of that [N]
+            "depth_m": frame.depth_m,
+            "residual": self._residual,  # inside the contact; None where it was not looked at
+            "lag_ms": (monotonic_ns() - stamp_ns) * 1e-6,  # from that stamp to the picture
+            "solve_ms": 1e3 * frame.solve_s,
+            "draw_ms": 1e3 * frame.draw_s,
+            # Processor time of all of it; what others take is not in it.
+            "processor_ms": 1e3 * (process_time() - started_s),
+            "dropped": self.dropped_count,  # forces left out so far because newer ones had come
+            "note": frame.note,  # why the frame is not of what was followed
+        }
         return line, list(_shown(line, frame, picture))
 
     def picture(self, stamp_s: float) -> bytes | None:
@@ -291,21 +276,21 @@ class RunFollower:
         return contact_residual(real, frame.image, self._unloaded)
 
 
-def _shown(line: TwinLine, frame: TwinFrame, picture: bytes) -> Iterator[Shown]:
-    numbers: dict[str, Any] = {
-        "force_n": line.force_n,
-        "force_error_n": line.force_error_n,
-        "depth_mm": 1e3 * line.depth_m,
-        "lag_ms": line.lag_ms,
-        "residual": line.residual,
-        "left_out": line.dropped,
+def _shown(line: dict[str, Any], frame: TwinFrame, picture: bytes) -> Iterator[Shown]:
+    stamp_ns = line["stamp_ns"]
+    numbers: dict[str, Any] = {  # the page shows them in this order
+        "force_n": frame.force_n,
+        "force_error_n": frame.force_error_n,
+        "depth_mm": 1e3 * frame.depth_m,
+        "lag_ms": line["lag_ms"],
+        "residual": line["residual"],
+        "left_out": line["dropped"],
+        **({"note": frame.note} if frame.note else {}),
     }
-    if line.note:
-        numbers["note"] = line.note
-    yield Shown(stream="twin", stamp_ns=line.stamp_ns, numbers=numbers, picture=picture)
+    yield Shown(stream="twin", stamp_ns=stamp_ns, numbers=numbers, picture=picture)
     for name, (most_kpa, drawn) in maps_of(frame).items():
         numbers = {"max_kpa": most_kpa}
-        yield Shown(stream=f"twin {name}", stamp_ns=line.stamp_ns, numbers=numbers, picture=drawn)
+        yield Shown(stream=f"twin {name}", stamp_ns=stamp_ns, numbers=numbers, picture=drawn)
 
 
 FRAMES_PER_S = 5.0
@@ -418,11 +403,7 @@ def _row(
         "residual": residual,
         **{f"{name}_kpa": most_kpa for name, (most_kpa, _) in maps.items()},
         "note": made.note,
-        "real": _uri(jpeg_of(real)),
-        "twin": _uri(jpeg_of(made.image)),
-        **{name: _uri(drawn) for name, (_, drawn) in maps.items()},
+        "real": data_url(jpeg_of(real)),
+        "twin": data_url(jpeg_of(made.image)),
+        **{name: data_url(drawn) for name, (_, drawn) in maps.items()},
     }
-
-
-def _uri(jpeg: bytes) -> str:
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")

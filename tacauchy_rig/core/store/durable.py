@@ -6,6 +6,7 @@ import hashlib
 import logging
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
@@ -48,11 +49,9 @@ def free_name(path: Path, suffix: str) -> Path:
 def set_aside(path: Path, suffix: str) -> Path:
     """Give a file another name, with a suffix that says why, and return it."""
     aside = free_name(path, suffix)
-    try:
+    with writing(path):
         path.rename(aside)
         sync_folder(path.parent)
-    except OSError as error:
-        raise write_error(path, error) from error
     return aside
 
 
@@ -78,6 +77,15 @@ def sync_folder(folder: Path) -> None:
 def bytes_sha256(content: bytes) -> str:
     """Return the SHA-256 of some content."""
     return hashlib.sha256(content).hexdigest()
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise the operating system's errors as those of writing ``path``."""
+    try:
+        yield
+    except OSError as error:
+        raise write_error(path, error) from error
 
 
 def write_error(path: Path, error: OSError) -> RecordError:

@@ -28,7 +28,7 @@ from tacauchy_rig.core.store.durable import (
     set_aside,
     sync_folder,
     write_atomically,
-    write_error,
+    writing,
 )
 from tacauchy_rig.core.store.run_files import read_bytes
 
@@ -59,7 +59,7 @@ def append_event(path: Path, event: JournalEvent) -> None:
     Raises:
         RecordError: The disk is full, or the journal cannot be written.
     """
-    try:
+    with writing(path):
         is_new = not path.exists()
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         try:
@@ -73,8 +73,6 @@ def append_event(path: Path, event: JournalEvent) -> None:
             os.close(descriptor)
         if is_new:
             sync_folder(path.parent)
-    except OSError as error:
-        raise write_error(path, error) from error
     if written != len(line):
         raise RecordError(
             f"{path}: only {written} of {len(line)} bytes of a line could be written",
@@ -254,11 +252,9 @@ class HashedFile(Generic[T]):
         self._log(bytes_sha256(content))
         if self._path.exists() and not self.damage():
             previous = previous_of(self._path)
-            try:
+            with writing(previous):
                 previous.unlink(missing_ok=True)
                 give_second_name(self._path, previous)
-            except OSError as error:
-                raise write_error(previous, error) from error
         write_atomically(self._path, content)
 
     def _log(self, sha256: str | None) -> None:

@@ -19,7 +19,7 @@ from tacauchy_rig.core.store.durable import (
     give_second_name,
     set_aside,
     sync_folder,
-    write_error,
+    writing,
 )
 from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
 from tacauchy_rig.core.store.recording.messages import RawMessage
@@ -210,14 +210,12 @@ def _repacked(
             "one, which is as it was",
             remedy="free that much space on this disk, then recover again",
         ) from error
-    try:
+    with writing(path):
         original = give_second_name(path, free_name(path, "torn")) if path.exists() else None
         temporary.replace(path)
         for spill in spills:
             spill.path.rename(free_name(spill.path, "merged"))
         sync_folder(path.parent)
-    except OSError as error:
-        raise write_error(path, error) from error
     if recording is not None and recording.damage:
         problems.append(f"{path}: {recording.damage}")
     return RecoveryReport(

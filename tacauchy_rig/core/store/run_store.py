@@ -31,7 +31,7 @@ from tacauchy_rig.core.run import (
 )
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, read_json, to_json
-from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, write_error
+from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, writing
 from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log_hashes, previous_of
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_files import RunPaths, file_sha256, read_bytes, run_folder
@@ -90,6 +90,13 @@ def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
     """Return named arrays as the bytes of an ``.npz`` file."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def pack_array(array: NDArray[Any]) -> bytes:
+    """Return an array as the bytes of an ``.npy`` file."""
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=False)
     return buffer.getvalue()
 
 
@@ -414,14 +421,12 @@ def _new_folder(parent: Path, name: str) -> Path:
     number = 1
     while True:
         root = parent / (name if number == 1 else f"{name}-{number}")
-        try:
-            root.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        except OSError as error:
-            raise write_error(root, error) from error
-        else:
-            return root
+        with writing(root):
+            try:
+                root.mkdir(parents=True)
+                return root
+            except FileExistsError:
+                number += 1
 
 
 def _read_description(path: Path) -> dict[str, Any]:
@@ -465,10 +470,8 @@ def _check_description(found: dict[str, Any], path: Path) -> None:
 @contextmanager
 def run_lock(path: Path) -> Iterator[None]:
     """Hold the lock file ``path``; the kernel lets go of it when this process ends."""
-    try:
+    with writing(path):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise write_error(path, error) from error
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

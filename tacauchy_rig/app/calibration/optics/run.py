@@ -61,7 +61,7 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.durable import writing
 from tacauchy_rig.core.store.run_files import file_sha256
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -399,7 +399,7 @@ def _write_files(
     # The presses held out in their frames' light, each by its own name.
     renderings = drawn.with_suffix("")
     ordered = sorted(held_out, key=lambda item: item.press.name)
-    try:
+    with writing(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         replace(model, provenance={**model.provenance, **provenance}).save(out)
         draw_coverage(coverage, calibration.circles, calibration.scene, slopes)
@@ -409,8 +409,6 @@ def _write_files(
             image = as_seen(item.rendered, item.light, scene).astype(np.uint8)
             name = Path(item.press.name).with_suffix(".png").name
             (renderings / name).write_bytes(encode_png(image))
-    except OSError as error:
-        raise write_error(out, error) from error
     return [out, slopes, drawn, renderings]
 
 

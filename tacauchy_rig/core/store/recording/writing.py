@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import sync_folder, write_error
+from tacauchy_rig.core.store.durable import sync_folder, write_error, writing
 from tacauchy_rig.core.store.recording.messages import (
     MESSAGES,
     PACKAGE,
@@ -74,14 +74,12 @@ class RecordingWriter:
         self._failure: RecordError | None = None
         self._was_reported = False
         self._closed = threading.Event()
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
             self._descriptor = os.open(path, flags, 0o644)
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             sync_folder(path.parent)
-        except OSError as error:
-            raise write_error(path, error) from error
         self._syncer = threading.Thread(
             target=self._sync_often, name=f"sync {path.name}", daemon=True
         )

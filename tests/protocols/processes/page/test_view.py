@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from protocols.processes.messages import Job, Shown
-from protocols.processes.page.server import WIDEST_PX, media_type, reduced
+from protocols.processes.page.server import WIDEST_PX, reduced
 from protocols.processes.page.view import TRACE_SAMPLES, StreamView, View
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
+from tacauchy_rig.core.rgb import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.writing import RecordingWriter

@@ -175,7 +175,7 @@ def test_a_press_is_followed_over_the_runs_own_frame(twin: RunFollower) -> None:
     assert [each.stream for each in shown] == ["twin", "twin pressure", "twin shear"]
     image = cv2.imdecode(np.frombuffer(shown[0].picture or b"", np.uint8), cv2.IMREAD_COLOR)
     assert np.abs(image.astype(int) - 120).max() <= 3
-    assert (line.force_n, line.trial, line.residual) == (0.0, 2, None)
+    assert (line["force_n"], line["trial"], line["residual"]) == (0.0, 2, None)
     twin.note(_phase(Phase.PRESS))
     for number in range(MAPS_EVERY):
         twin.take(_force(1.0))
@@ -183,11 +183,11 @@ def test_a_press_is_followed_over_the_runs_own_frame(twin: RunFollower) -> None:
         assert made is not None
         assert len(made[1]) == (3 if number == MAPS_EVERY - 1 else 1)
     line = made[0]
-    assert line.asked_n == 1.0
-    assert line.force_n == pytest.approx(1.0, rel=1e-4)
-    assert line.force_error_n is not None
-    assert 0.0 < line.force_error_n < 0.3
-    assert line.lag_ms > 0.0
+    assert line["asked_n"] == 1.0
+    assert line["force_n"] == pytest.approx(1.0, rel=1e-4)
+    assert line["force_error_n"] is not None
+    assert 0.0 < line["force_error_n"] < 0.3
+    assert line["lag_ms"] > 0.0
 
 
 def test_between_presses_nothing_is_followed(twin: RunFollower) -> None:
