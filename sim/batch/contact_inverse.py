@@ -81,7 +81,7 @@ class ContactInverse:
         """Learn whose contact to look at."""
         device, model, c = self._device, self._model, self._correction
         correct, set_tip = correct_kernels(self.kind)
-        made = model.surface.kernels(descents.indenter)
+        made = model.surface.kernels
         at = [descents.surface, descents.body, c.faces]
         at += [c.renews, descents.poses, descents.grip, descents.positions]
         contact_shape = tuple(descents.contact_buffers[1].shape)

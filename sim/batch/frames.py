@@ -114,7 +114,7 @@ class Frames:
         descents, history, record = self._descents, self._history, self._device.record
         state, poses, positions = descents.state, descents.poses, descents.positions
         model, buffers, new = descents.model, descents.contact_buffers, history.comes
-        made, own = model.surface.kernels(descents.indenter), (descents.count,)
+        made, own = model.surface.kernels, (descents.count,)
         set_out = record(kernels.set_out, own, [self.motions, history, poses, state, self._new])
         put = [self._rest, new, False, poses, state, history, positions]
         put_back = record(kernels.put_back, tuple(positions.shape), put)
@@ -136,7 +136,7 @@ class Frames:
         model, state, poses = descents.model, descents.state, descents.poses
         own, nodes = (descents.count,), tuple(descents.positions.shape)
         points = tuple(descents.contact_buffers[1].shape)
-        made = model.surface.kernels(descents.indenter)
+        made = model.surface.kernels
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
         lags = options.friction > 0.0
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]

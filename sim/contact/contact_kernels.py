@@ -27,8 +27,8 @@ only the share c of the path that is left counts: u is c times the offset from t
 of 1 / c. That is the same force as from an anchor on the path, but what is lagged is c, not a place
 that would run after the point. When the step has ended, the place is the anchor.
 
-The kernels are compiled for one kind of indenter, analytic or of triangles, and for whether
-anything resists along the surface, so that none carries what it does not need. All launch over
+The kernels are compiled for whether anything resists along the surface, so that none carries what
+it does not need. All launch over
 [environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
 """
 
@@ -144,7 +144,7 @@ class GripArrays:
 
 @wp.func
 def grip_offset(
-    body: Any, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
+    body: Body, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
 ) -> wp.vec3d:
     """Return the tangential offset in the pad's frame [m]: a share of that from the anchor."""
     p = wp.length(load)
@@ -155,7 +155,7 @@ def grip_offset(
 
 
 @wp.func
-def share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
+def share_held(body: Body, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
     """Return the share of a straight path after its gap fell to ``reach``.
 
     Args:
@@ -198,7 +198,7 @@ def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, l
 @wp.func
 def held_back(
     surface: TouchedSurface,
-    body: Any,
+    body: Body,
     grip: GripArrays,
     b: wp.int32,
     f: wp.int32,
@@ -221,7 +221,7 @@ def held_back(
 @wp.func
 def held_stiffness(
     surface: TouchedSurface,
-    body: Any,
+    body: Body,
     grip: GripArrays,
     b: wp.int32,
     f: wp.int32,
@@ -265,7 +265,7 @@ _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 @dataclass(frozen=True, slots=True)
 class ContactKernels:
-    """The kernels for one kind of body, with or without what resists along the surface."""
+    """The kernels, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
     # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]
@@ -301,15 +301,14 @@ def add_traction(
 
 
 @cache
-def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
+def contact_kernels(*, grips: bool) -> ContactKernels:
     """Build the kernels."""
-    gap_of = signed_distance if body_kind is Body else nearby_gap
 
     @wp.kernel(enable_backward=False, module="unique")
     def touch(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
@@ -323,8 +322,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here = posed(bodies, poses, b)
+            distance, n = nearby_gap(here, x)
             density = wp.float64(0.0)
             v = wp.vec3d()
             if distance < surface.distance:
@@ -342,7 +341,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def force(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         # Data in:
         poses: Poses,
         grip: GripArrays,
@@ -358,7 +357,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # which keeps it positive semidefinite.
         b, f, q = wp.tid()
         x = surface_point(surface, positions[b], f, q)
-        here = posed(body, poses, b)
+        here = posed(bodies, poses, b)
         distance, n = signed_distance(here, x)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
@@ -382,7 +381,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def hold(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
@@ -401,7 +400,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] > 0:
             x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
+            here = posed(bodies, poses, b)
             distance, n = signed_distance(here, x)
             before, pulled = held_back(surface, here, grip, b, f, q, x)
             held = wp.float64(0.0)
@@ -434,7 +433,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def drag(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
@@ -447,7 +446,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             # An anchor is brought up to the offset behind its point, the slip length at most; that
             # of a free point comes along, to know where it was last free.
             x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
+            here = posed(bodies, poses, b)
             at = local_point(here, x)
             held = grip.held[b, f, q]
             if held == wp.float64(0.0):
@@ -466,7 +465,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def stiffen(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         numbers: wp.array2d(dtype=wp.int32),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
@@ -481,8 +480,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here = posed(bodies, poses, b)
+            distance, n = nearby_gap(here, x)
             stiffness = wp.mat33d()
             if distance < surface.distance:
                 _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
@@ -500,7 +499,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def wrench(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
@@ -512,8 +511,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here = posed(bodies, poses, b)
+            distance, n = nearby_gap(here, x)
             v = wp.vec3d()
             if distance < surface.distance:
                 _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
@@ -536,7 +535,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     def spread(
         # Model:
         surface: TouchedSurface,
-        body: Any,
+        bodies: wp.array(dtype=Body),
         hats: wp.array2d(dtype=wp.float64),
         # Data in:
         poses: Poses,
@@ -548,8 +547,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         x = surface_point(surface, positions[b], f, q)
-        here = posed(body, poses, b)
-        distance, _n = gap_of(here, x)
+        here = posed(bodies, poses, b)
+        distance, _n = nearby_gap(here, x)
         if distance < surface.distance:
             _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
             along = wp.vec3d()
@@ -563,9 +562,4 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                     sheared = repeatable(-along * share, surface.shift)
                     wp.atomic_add(sheared_out, b, surface.faces[f, k], sheared)
 
-    def built(kernel: Any) -> Any:
-        return wp.overload(kernel, {"body": body_kind})
-
-    return ContactKernels(
-        *(built(each) for each in (touch, force, hold, drag, stiffen, wrench, spread))
-    )
+    return ContactKernels(touch, force, hold, drag, stiffen, wrench, spread)

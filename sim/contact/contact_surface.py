@@ -17,10 +17,10 @@ from sim.contact.contact_kernels import (
     contact_kernels,
     hessian,
 )
-from sim.contact.indenter_distance import body_kind, body_of, poses_at
+from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
-from sim.scene.indenter import Indenter, IndenterSet
+from sim.scene.indenter import Indenter
 from tacauchy_rig.core.arrays import FloatArray
 
 # A height map takes what is no farther from the indenter for touching.
@@ -177,7 +177,7 @@ class ContactSurface:
         buffers, (poses, at) = self.buffers(1), self._at(positions, state)
         inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
         inputs += [self.grip_arrays(state.grip), at]
-        self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(buffers))
+        self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
     def forces(
@@ -186,15 +186,12 @@ class ContactSurface:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
         poses, at = self._at(positions, state)
         given = [*self._model(indenter, state), poses, self.grip_arrays(state.grip), at]
-        return self.forces_of(given, indenter, curved=curved)
+        return self.forces_of(given, curved=curved)
 
-    def forces_of(
-        self, given: list[Any], indenter: Indenter | IndenterSet, *, curved: bool = True
-    ) -> ContactForces:
+    def forces_of(self, given: list[Any], *, curved: bool = True) -> ContactForces:
         """Return the same where surface, body, poses, grip and positions are on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        kernel = self.kernels(indenter).force
-        self._device.launch(kernel, (1, *self._shape), [*given, curved], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [*given, curved], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
@@ -228,12 +225,12 @@ class ContactSurface:
         if state.grip is not None:
             buffers = [*self.buffers(1)[:2], *(self._points(wp.float64) for _ in range(2))]
             lists = [self.grip_arrays(state.grip)], buffers
-            self._regrip(self.kernels(indenter).hold, indenter, state, *lists)
+            self._regrip(self.kernels.hold, indenter, state, *lists)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:
         """Let the anchors of sliding points follow; the state is then one to go on from."""
         if state.grip is not None and not self._options.bonded:
-            self._regrip(self.kernels(indenter).drag, indenter, state, [], [])
+            self._regrip(self.kernels.drag, indenter, state, [], [])
 
     def _regrip(
         self, kernel: Any, indenter: Indenter, state: State, start: list[Any], out: list[Any]
@@ -260,9 +257,10 @@ class ContactSurface:
             return None
         return Grip(**{name: on_host(getattr(arrays, name))[b].copy() for name in _GRIP})
 
-    def kernels(self, indenter: Indenter | IndenterSet) -> ContactKernels:
-        """Return the kernels for an indenter."""
-        return contact_kernels(body_kind(indenter), grips=self._options.is_tangential)
+    @property
+    def kernels(self) -> ContactKernels:
+        """The kernels for any indenter."""
+        return contact_kernels(grips=self._options.is_tangential)
 
     def _points(self, kind: Any, count: int = 1) -> Any:
         return self._device.empty((count, *self._shape), kind)

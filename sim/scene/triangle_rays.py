@@ -48,7 +48,6 @@ class DeviceSurface:
     centre: wp.vec3d
     per_size: wp.float64
     half: wp.vec3d  # half the extents of its box
-    first_face: wp.int32  # of the tree's faces, where the arrays hold several surfaces
     rounding: wp.float64  # what lies so far from the triangles counts too [m]
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
@@ -87,7 +86,7 @@ def _lowest_on_faces(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp
     hit = wp.mesh_query_ray(surface.tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
     if not hit.result:
         return BESIDE
-    face = surface.first_face + hit.face
+    face = hit.face
     a = surface.vertices[surface.faces[face, 0]]
     b = surface.vertices[surface.faces[face, 1]]
     c, n = surface.vertices[surface.faces[face, 2]], surface.face_normals[face]
@@ -147,7 +146,7 @@ def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
     """Return the nearest point of a surface, from the face that the tree proposes."""
     scaled = wp.vec3f((p - surface.centre) * surface.per_size)
     query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    best = nearest_on_face(surface, surface.first_face + (query.face if query.result else 0), p)
+    best = nearest_on_face(surface, query.face if query.result else 0, p)
     for _ in range(_MOVES_MAX):
         here = best
         for k in range(3):

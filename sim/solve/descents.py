@@ -111,7 +111,7 @@ class Descents:
             )
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
-        self._gel, self.indenter = gel, indenter
+        self._gel = gel
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self.threads = _THREADS if device.is_gpu else 1
         self.body = body_of(indenter, device=device.name)
@@ -186,7 +186,7 @@ class Descents:
     def contact(self) -> ContactForces:
         """Return the contact of the only environment, where it is; its stiffness is exact."""
         at = [self.surface, self.body, self.poses, self.grip, self.positions]
-        return self.model.surface.forces_of(at, self.indenter)
+        return self.model.surface.forces_of(at)
 
     def step(self) -> None:
         """Have every environment that runs do its next thing."""
@@ -303,7 +303,7 @@ class Descents:
         self._touch, self._hold = self._contact_launches(surface)
 
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
-        made, device = surface.kernels(self.indenter), self._device
+        made, device = surface.kernels, self._device
         body = self.body
         shape = tuple(self.contact_buffers[1].shape)
         at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]

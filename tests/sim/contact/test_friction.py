@@ -120,7 +120,7 @@ def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None
     inputs = [*surface._model(indenter, state), device.array([2], wp.int32)]
     room = [*surface.buffers(1)[:2], *(surface._points(wp.float64) for _ in range(2))]
     places = [*inputs, *surface._at(state.positions, state), start, grip]
-    device.launch(surface.kernels(indenter).hold, (1, *surface.areas.shape), places, room)
+    device.launch(surface.kernels.hold, (1, *surface.areas.shape), places, room)
     halved = surface.grip_of(grip)
     surface.refresh_grip(indenter, state)
     assert lagged is not None
@@ -144,9 +144,7 @@ def test_points_held_anew_leave_what_an_evaluation_would_find(model: Model) -> N
 
     def touched(grip: Any) -> tuple[Any, ...]:
         room = surface.buffers(1)
-        device.launch(
-            surface.kernels(indenter).touch, shape, [*inputs, poses, grip, at], list(room)
-        )
+        device.launch(surface.kernels.touch, shape, [*inputs, poses, grip, at], list(room))
         return room
 
     grip = surface.grip_arrays(state.grip)
@@ -154,7 +152,7 @@ def test_points_held_anew_leave_what_an_evaluation_would_find(model: Model) -> N
     forces, energies = (each.numpy().copy() for each in before[:2])
     changes = [surface._points(wp.float64) for _ in range(2)]
     held = [*inputs, poses, at, start, grip]
-    device.launch(surface.kernels(indenter).hold, shape, held, [*before[:2], *changes])
+    device.launch(surface.kernels.hold, shape, held, [*before[:2], *changes])
     anew = touched(grip)
     for was, corrected, wanted in zip((forces, energies), before, anew, strict=False):
         size = np.abs(wanted.numpy()).max()
