@@ -204,35 +204,13 @@ def held_back(
     f: wp.int32,
     q: wp.int32,
     x: wp.vec3d,
-):
-    """Return energy [J/m^2] and its gradient [Pa] of what a point of an environment holds on to."""
-    density = wp.float64(0.0)
-    along = wp.vec3d()
-    held = grip.held[b, f, q]
-    if held > wp.float64(0.0):
-        load = grip.loads[b, f, q]
-        u = grip_offset(body, held, load, grip.anchors[b, f, q], x)
-        whole, across, _stiffness = tangential_contact(surface, b, wp.length(load), wp.length(u))
-        density = whole / held
-        along = u * across
-    return density, along
-
-
-@wp.func
-def held_stiffness(
-    surface: TouchedSurface,
-    body: Body,
-    grip: GripArrays,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    x: wp.vec3d,
     least: wp.float64,
 ):
-    """Return the traction [Pa] of what a point holds on to, and its stiffness [Pa/m].
+    """Return energy [J/m^2] of what a point holds on to, its gradient [Pa] and stiffness [Pa/m].
 
     Along the offset the stiffness is at least this share of that across it.
     """
+    density = wp.float64(0.0)
     pull = wp.vec3d()
     stiffness = wp.mat33d()
     share = grip.held[b, f, q]
@@ -241,21 +219,22 @@ def held_stiffness(
         u = grip_offset(body, share, lagged, grip.anchors[b, f, q], x)
         length = wp.length(u)
         load = wp.length(lagged)
-        _more, across, along = tangential_contact(surface, b, load, length)
+        whole, across, along = tangential_contact(surface, b, load, length)
+        density = whole / share
+        pull = u * across
         tangent = wp.identity(n=3, dtype=wp.float64)
         if load > wp.float64(0.0):
             held = body.rotation * (lagged / load)
             tangent = tangent - wp.outer(held, held)
-        stiffness += tangent * (share * across)
+        stiffness = tangent * (share * across)
         if length > wp.float64(1.0e-30):
             t = u / length
             stiffness += wp.outer(t, t) * (share * (wp.max(along, least * across) - across))
-        pull = u * across
-    return pull, stiffness
+    return density, pull, stiffness
 
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
-_LEAST_ALONG = wp.constant(wp.float64(0.3))
+_LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
@@ -330,7 +309,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
             if wp.static(grips):
-                more, along = held_back(surface, here, grip, b, f, q, x)
+                more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
                 density += more
                 v += along
             energy_out[b, f, q] = surface.areas[f, q] * density
@@ -368,8 +347,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
-            exact = wp.float64(0.0)
-            along, tangent = held_stiffness(surface, here, grip, b, f, q, x, exact)
+            _more, along, tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
             pull += along
             stiffness += tangent
         point_out[b, f, q] = x
@@ -402,7 +380,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             x = surface_point(surface, positions[b], f, q)
             here = posed(bodies, poses, b)
             distance, n = signed_distance(here, x)
-            before, pulled = held_back(surface, here, grip, b, f, q, x)
+            before, pulled, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
             load = wp.vec3d()
@@ -425,7 +403,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             grip.held[b, f, q] = held
             grip.anchors[b, f, q] = anchor
             grip.loads[b, f, q] = load
-            density, pull = held_back(surface, here, grip, b, f, q, x)
+            density, pull, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
             energy[b, f, q] += surface.areas[f, q] * (density - before)
             add_traction(surface, b, f, q, pull - pulled, nodes)
 
@@ -487,7 +465,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
                 stiffness = wp.outer(n, n) * change
             if wp.static(grips):
-                _along, tangent = held_stiffness(surface, here, grip, b, f, q, x, _LEAST_ALONG)
+                _more, _along, tangent = held_back(surface, here, grip, b, f, q, x, _LEAST_ALONG)
                 stiffness += tangent
             stiffness_out[b, f, q] = wp.mat33f(stiffness * surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
@@ -522,7 +500,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 area = repeatable(area, surface.shift / surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
             if wp.static(grips):
-                _more, along = held_back(surface, here, grip, b, f, q, x)
+                _more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
                 v += along
             if wp.dot(v, v) > wp.float64(0.0):
                 force = repeatable(v * surface.areas[f, q], surface.shift)
@@ -553,7 +531,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
             along = wp.vec3d()
             if wp.static(grips):
-                _more, along = held_back(surface, here, grip, b, f, q, x)
+                _more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
             for k in range(surface.faces.shape[1]):
                 share = hats[q, k] * surface.areas[f, q]
                 if share > wp.float64(0.0):
