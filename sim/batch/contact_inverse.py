@@ -95,15 +95,12 @@ class ContactInverse:
 
         stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
         given = [descents.sources, descents.found, self._corrected, self._tips]
-        weights = self.weights
-        if weights is None:
-            weights = device.array(np.ones(tip_row + 1), wp.float32)
         self._launches = (
             device.record(choose, tuple(c.touching.shape), [state, c]),
             stiffen,
             blocks(list_touching, [c]),
             blocks(factor, [state, c]),
-            blocks(correct, [state, c, tip_row, self._units, weights, *given]),
+            blocks(correct, [state, c, tip_row, self._units, self.weights, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )
 

@@ -60,8 +60,9 @@ def posed(bodies: wp.array(dtype=Body), poses: Poses, b: wp.int32) -> Body:
 @lru_cache(maxsize=64)
 def body_of(indenter: Indenter | IndenterSet, *, device: str = "cpu") -> Any:
     """Return a ``Body`` of each environment on a device, or of all, without a pose; made once."""
-    alone = not isinstance(indenter, IndenterSet)
-    every = IndenterSet(bodies=(indenter,), which=(0,)) if alone else indenter
+    every = indenter
+    if not isinstance(every, IndenterSet):
+        every = IndenterSet(bodies=(every,), which=(0,))
     kept = [_described(body, every.rounding_m, device) for body in every.bodies]
     memory = b"".join(bytes(body.__ctype__()) for body, _ in kept)
     rows = np.frombuffer(memory, dtype=Body.numpy_dtype())[list(every.which)]
@@ -145,7 +146,7 @@ def nearby_gap(body: Body, x: wp.vec3d):
     p = local_point(body, x)
     gap, n = wp.float64(0.0), wp.vec3d()
     if body.is_mesh:
-        gap, n = nearby_distance(body.surface, p, body.surface.rounding)
+        gap, n = nearby_distance(body.surface, p)
     else:
         gap, n = _analytic_distance(body, p)
     return gap, body.rotation * n

@@ -81,7 +81,7 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=_longest_step(scene, plan, height_m=model.height_m),
-        potentials=(weight(model, density),) if plan.is_on(Effect.GRAVITY) else (),
+        potential=weight(model, density) if plan.is_on(Effect.GRAVITY) else None,
         inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
         options=_options(scene),
         reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,

@@ -205,16 +205,16 @@ def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
 
 
 @wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d, exact: wp.float64):
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
     """Return the same; far from the surface the distance to its box, which is less.
 
-    It is exact where it is less than ``exact`` [m].
+    It is exact where it is less than the rounding.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
     distance = wp.length(beside) - surface.rounding
     n = beside
-    if distance > exact and distance * surface.per_size > _FAR_SHARE:
+    if distance > surface.rounding and distance * surface.per_size > _FAR_SHARE:
         n = wp.normalize(beside)
     else:
         distance, n = surface_distance(surface, p)

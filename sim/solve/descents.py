@@ -45,8 +45,7 @@ class Inverse(Protocol):
         row_count: Rows of the vectors that it takes and gives, at least the unknowns and the tip.
         scaled: It wants what it takes in units of the residual.
         unit: What it gives must be multiplied with this.
-        weights: What it takes and gives must be multiplied with these, shape [row_count]; None is
-            1.
+        weights: What it takes and gives must be multiplied with these, shape [row_count].
         column_count: Vectors that it takes at once.
     """
 
@@ -95,7 +94,7 @@ class Descents:
         indenter: Indenter | IndenterSet,
         inverse: Inverse,
         *,
-        potentials: Sequence[Potential] = (),
+        potential: Potential | None = None,
         memory: int = 16,
         patience: Sequence[tuple[int, float]] = (),
         count: int = 1,
@@ -141,10 +140,6 @@ class Descents:
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
-        ones = np.ones(len(model.pattern.free_dofs) + 1)
-        self._weights = inverse.weights
-        if self._weights is None:
-            self._weights = device.array(ones, wp.float32)
         self._dofs = device.array(model.pattern.free_dofs, wp.int32)
         patience = [*patience, *[(_NEVER, 0.0)] * 3][:3]
         self._limits = filled(
@@ -158,12 +153,12 @@ class Descents:
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
             patience_shares=wp.vec3d(*(share for _, share in patience)),
         )
-        self.replace_potentials(potentials)
+        self.replace_potential(potential)
 
-    def replace_potentials(self, potentials: Sequence[Potential]) -> None:
-        """Take other energies of the nodes from now on."""
-        self._pull = pull_of(potentials, self._device)
-        self._record(pulls=bool(potentials))
+    def replace_potential(self, potential: Potential | None) -> None:
+        """Take another energy of the nodes from now on."""
+        self._pull = pull_of(potential, self._device)
+        self._record(pulls=potential is not None)
 
     def renew_gel(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
@@ -296,8 +291,8 @@ class Descents:
             for again in (False, True)
         )
         asks = [self.state, evaluated, self.memory, self.sources]
-        self._prepare = recorded(prepare, [self._dofs, scaled, self._weights, *asks])
-        found = [units, self._weights, self.found, *own, evaluated, self.busy]
+        self._prepare = recorded(prepare, [self._dofs, scaled, self._inverse.weights, *asks])
+        found = [units, self._inverse.weights, self.found, *own, evaluated, self.busy]
         self._turn = recorded(turn, [self._limits, self._dofs, scaled, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)

@@ -8,7 +8,6 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,7 +152,7 @@ class Stepping:
         centre_m: Where its tip comes down, x and y [m].
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
-        potentials: Further energies of the nodes besides inertia, such as weight.
+        potential: Further energy of the nodes besides inertia, such as weight.
         inertia: Mass of the nodes, for a path in time.
         reuse: What the solver keeps from step to step; None is what the size calls for.
         keeps_all: Keep every equilibrium, not the last ones only.
@@ -165,7 +164,7 @@ class Stepping:
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     step_max_m: float = 0.0
     options: SolverOptions = field(default_factory=SolverOptions)
-    potentials: Sequence[Potential] = ()
+    potential: Potential | None = None
     inertia: Inertia | None = None
     reuse: Reuse | None = None
     keeps_all: bool = False
@@ -189,9 +188,7 @@ class Stepping:
         if self.step_max_m == 0.0:
             self.step_max_m = STEP_SHARE * self.model.height_m
         self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
-        self.solver = EquilibriumSolver(
-            self.model, self.indenter, self.potentials, reuse=self.reuse
-        )
+        self.solver = EquilibriumSolver(self.model, self.indenter, self.potential, reuse=self.reuse)
 
     @property
     def blunted_m(self) -> float:
@@ -214,7 +211,7 @@ class Stepping:
         for memory in self.memories:
             memory.begin_step(math.inf if duration_s is None else duration_s)
         if self.inertia is not None:
-            self.solver.replace_potentials((*self.potentials, *self.inertia.flight))
+            self.solver.replace_potential(self.inertia.flight(self.potential))
 
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
