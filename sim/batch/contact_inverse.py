@@ -82,8 +82,6 @@ class ContactInverse:
         device, model, c = self._device, self._model, self._correction
         correct, set_tip = correct_kernels(self.kind)
         made = model.surface.kernels
-        at = [descents.surface, descents.body, c.faces]
-        at += [c.renews, descents.poses, descents.grip, descents.positions]
         contact_shape = tuple(descents.contact_buffers[1].shape)
         tip_row, state = model.pattern.dof_count, descents.state
         descents.places = self._rest.places(state)
@@ -93,7 +91,8 @@ class ContactInverse:
             threads = _THREADS if device.is_gpu else 1
             return device.record(kernel, (self._count, threads), inputs, threads)
 
-        stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
+        at = [descents.pressed, c.faces, c.renews, c.stiffness, c.touching]
+        stiffen = device.record(made.stiffen, contact_shape, at)
         given = [descents.sources, descents.found, self._corrected, self._tips]
         self._launches = (
             device.record(choose, tuple(c.touching.shape), [state, c]),

@@ -71,29 +71,19 @@ class TouchedSurface:
 
 
 @wp.func
-def surface_point(
-    surface: TouchedSurface, positions: wp.array(dtype=wp.vec3d), face: wp.int32, point: wp.int32
-) -> wp.vec3d:
-    """Return the position of a contact point [m]."""
-    x = wp.vec3d()
-    for k in range(surface.faces.shape[1]):
-        x += positions[surface.faces[face, k]] * surface.values[point, k]
-    return x
-
-
-@wp.func
 def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
     """Return ``v`` without its component along the unit vector ``n``."""
     return v - n * wp.dot(v, n)
 
 
 @wp.func
-def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
-    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m] at gap s d_hat < d_hat.
+def normal_contact(surface: TouchedSurface, b: wp.int32, gap: wp.float64):
+    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m], at a gap < d_hat [m].
 
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
     one = wp.float64(1.0)
+    s = gap / surface.distance
     r = wp.max(s, surface.extensions[b])
     h = s - r
     scale = surface.stiffness[b] * surface.young[b]
@@ -140,6 +130,26 @@ class GripArrays:
     held: wp.array3d(dtype=wp.float64)
     anchors: wp.array3d(dtype=wp.vec3d)
     loads: wp.array3d(dtype=wp.vec3d)
+
+
+@wp.struct
+class Pressed:
+    """Surfaces of environments, where they are, and what presses them."""
+
+    surface: TouchedSurface
+    bodies: wp.array(dtype=Body)
+    poses: Poses
+    grip: GripArrays
+    positions: wp.array2d(dtype=wp.vec3d)  # of the nodes [m], [environment_count, node_count]
+
+
+@wp.func
+def met(at: Pressed, b: wp.int32, face: wp.int32, point: wp.int32):
+    """Return an environment's indenter, and the position of a contact point [m]."""
+    x = wp.vec3d()
+    for k in range(at.surface.faces.shape[1]):
+        x += at.positions[b, at.surface.faces[face, k]] * at.surface.values[point, k]
+    return posed(at.bodies, at.poses, b), x
 
 
 @wp.func
@@ -197,14 +207,7 @@ def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, l
 
 @wp.func
 def held_back(
-    surface: TouchedSurface,
-    body: Body,
-    grip: GripArrays,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    x: wp.vec3d,
-    least: wp.float64,
+    at: Pressed, body: Body, b: wp.int32, f: wp.int32, q: wp.int32, x: wp.vec3d, least: wp.float64
 ):
     """Return energy [J/m^2] of what a point holds on to, its gradient [Pa] and stiffness [Pa/m].
 
@@ -213,13 +216,13 @@ def held_back(
     density = wp.float64(0.0)
     pull = wp.vec3d()
     stiffness = wp.mat33d()
-    share = grip.held[b, f, q]
+    share = at.grip.held[b, f, q]
     if share > wp.float64(0.0):
-        lagged = grip.loads[b, f, q]
-        u = grip_offset(body, share, lagged, grip.anchors[b, f, q], x)
+        lagged = at.grip.loads[b, f, q]
+        u = grip_offset(body, share, lagged, at.grip.anchors[b, f, q], x)
         length = wp.length(u)
         load = wp.length(lagged)
-        whole, across, along = tangential_contact(surface, b, load, length)
+        whole, across, along = tangential_contact(at.surface, b, load, length)
         density = whole / share
         pull = u * across
         tangent = wp.identity(n=3, dtype=wp.float64)
@@ -285,14 +288,9 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
 
     @wp.kernel(enable_backward=False, module="unique")
     def touch(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         nodes_out: wp.array2d(dtype=wp.vec3d),
         energy_out: wp.array3d(dtype=wp.float64),
@@ -300,31 +298,25 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(bodies, poses, b)
+            here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x)
             density = wp.float64(0.0)
             v = wp.vec3d()
-            if distance < surface.distance:
-                density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
             if wp.static(grips):
-                more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
+                more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 density += more
                 v += along
-            energy_out[b, f, q] = surface.areas[f, q] * density
+            energy_out[b, f, q] = at.surface.areas[f, q] * density
             gap_out[b, f, q] = distance
-            add_traction(surface, b, f, q, v, nodes_out)
+            add_traction(at.surface, b, f, q, v, nodes_out)
 
     @wp.kernel(enable_backward=False, module="unique")
     def force(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         # Data in:
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         curved: wp.bool,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
@@ -335,38 +327,32 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # With ``curved`` the stiffness is exact; without, the indenter's curvature is left out,
         # which keeps it positive semidefinite.
         b, f, q = wp.tid()
-        x = surface_point(surface, positions[b], f, q)
-        here = posed(bodies, poses, b)
+        here, x = met(at, b, f, q)
         distance, n = signed_distance(here, x)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
-        if distance < surface.distance:
-            _energy, slope, change = normal_contact(surface, b, distance / surface.distance)
+        if distance < at.surface.distance:
+            _energy, slope, change = normal_contact(at.surface, b, distance)
             pull = n * slope
             stiffness = wp.outer(n, n) * change
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
-            _more, along, tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
+            _more, along, tangent = held_back(at, here, b, f, q, x, _EXACT)
             pull += along
             stiffness += tangent
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
-        force_out[b, f, q] = pull * surface.areas[f, q]
-        stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
+        force_out[b, f, q] = pull * at.surface.areas[f, q]
+        stiffness_out[b, f, q] = stiffness * at.surface.areas[f, q]
 
     @wp.kernel(enable_backward=False, module="unique")
     def hold(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        positions: wp.array2d(dtype=wp.vec3d),
         start: GripArrays,
         # Data in and out:
-        grip: GripArrays,
         nodes: wp.array2d(dtype=wp.vec3d),
         energy: wp.array3d(dtype=wp.float64),
         # Data out:
@@ -377,79 +363,66 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # ``wanted``, 1/n of the pressure's change is taken over.
         b, f, q = wp.tid()
         if wanted[b] > 0:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(bodies, poses, b)
+            here, x = met(at, b, f, q)
             distance, n = signed_distance(here, x)
-            before, pulled, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
+            before, pulled, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
             load = wp.vec3d()
-            if distance < surface.distance:
+            if distance < at.surface.distance:
                 held = wp.float64(1.0)
                 if start.held[b, f, q] == wp.float64(0.0):
-                    if surface.bonded:
+                    if at.surface.bonded:
                         anchor = local_point(here, x)
                     else:
-                        held = share_held(here, anchor, distance, surface.distance)
-                _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
+                        held = share_held(here, anchor, distance, at.surface.distance)
+                _energy, slope, _change = normal_contact(at.surface, b, distance)
                 # Where there is no pressure yet, a tiny one carries the direction.
                 load = (wp.transpose(here.rotation) * n) * wp.max(-slope, _TINY_PA)
-            change_out[b, f, q] = surface.areas[f, q] * wp.length(load - grip.loads[b, f, q])
-            limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
+            change_out[b, f, q] = at.surface.areas[f, q] * wp.length(load - at.grip.loads[b, f, q])
+            limit_out[b, f, q] = at.surface.areas[f, q] * wp.length(load)
             if wanted[b] > 1:
                 share = wp.float64(1.0) / wp.float64(wanted[b])
-                load = wp.lerp(grip.loads[b, f, q], load, share)
-                held = wp.lerp(grip.held[b, f, q], held, share)
-            grip.held[b, f, q] = held
-            grip.anchors[b, f, q] = anchor
-            grip.loads[b, f, q] = load
-            density, pull, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
-            energy[b, f, q] += surface.areas[f, q] * (density - before)
-            add_traction(surface, b, f, q, pull - pulled, nodes)
+                load = wp.lerp(at.grip.loads[b, f, q], load, share)
+                held = wp.lerp(at.grip.held[b, f, q], held, share)
+            at.grip.held[b, f, q] = held
+            at.grip.anchors[b, f, q] = anchor
+            at.grip.loads[b, f, q] = load
+            density, pull, _tangent = held_back(at, here, b, f, q, x, _EXACT)
+            energy[b, f, q] += at.surface.areas[f, q] * (density - before)
+            add_traction(at.surface, b, f, q, pull - pulled, nodes)
 
     @wp.kernel(enable_backward=False, module="unique")
     def drag(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        positions: wp.array2d(dtype=wp.vec3d),
-        # Data in and out:
-        grip: GripArrays,
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
             # An anchor is brought up to the offset behind its point, the slip length at most; that
             # of a free point comes along, to know where it was last free.
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(bodies, poses, b)
-            at = local_point(here, x)
-            held = grip.held[b, f, q]
+            here, x = met(at, b, f, q)
+            place = local_point(here, x)
+            held = at.grip.held[b, f, q]
             if held == wp.float64(0.0):
-                grip.anchors[b, f, q] = at
+                at.grip.anchors[b, f, q] = place
             else:
-                u = grip_offset(here, held, grip.loads[b, f, q], grip.anchors[b, f, q], x)
+                u = grip_offset(here, held, at.grip.loads[b, f, q], at.grip.anchors[b, f, q], x)
                 length = wp.length(u)
-                slides = length > surface.slip and not surface.bonded
+                slides = length > at.surface.slip and not at.surface.bonded
                 if slides:
-                    u = u * (surface.slip / length)
+                    u = u * (at.surface.slip / length)
                 if slides or held < wp.float64(1.0):
-                    grip.anchors[b, f, q] = at - wp.transpose(here.rotation) * u
-                    grip.held[b, f, q] = wp.float64(1.0)
+                    at.grip.anchors[b, f, q] = place - wp.transpose(here.rotation) * u
+                    at.grip.held[b, f, q] = wp.float64(1.0)
 
     @wp.kernel(enable_backward=False, module="unique")
     def stiffen(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         numbers: wp.array2d(dtype=wp.int32),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         stiffness_out: wp.array3d(dtype=wp.mat33f),
         touching_out: wp.array2d(dtype=wp.int32),
@@ -457,87 +430,73 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(bodies, poses, b)
+            here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x)
             stiffness = wp.mat33d()
-            if distance < surface.distance:
-                _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                _energy, _slope, change = normal_contact(at.surface, b, distance)
                 stiffness = wp.outer(n, n) * change
             if wp.static(grips):
-                _more, _along, tangent = held_back(surface, here, grip, b, f, q, x, _LEAST_ALONG)
+                _more, _along, tangent = held_back(at, here, b, f, q, x, _LEAST_ALONG)
                 stiffness += tangent
-            stiffness_out[b, f, q] = wp.mat33f(stiffness * surface.areas[f, q])
+            stiffness_out[b, f, q] = wp.mat33f(stiffness * at.surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
-                for k in range(surface.faces.shape[1]):
+                for k in range(at.surface.faces.shape[1]):
                     if numbers[f, k] >= 0:
                         touching_out[b, numbers[f, k]] = 1
 
     @wp.kernel(enable_backward=False, module="unique")
     def wrench(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(bodies, poses, b)
+            here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x)
             v = wp.vec3d()
-            if distance < surface.distance:
-                _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                _density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
-                touched = (surface.distance - distance) / (_FULLY * surface.distance)
-                area = surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
-                area = repeatable(area, surface.shift / surface.young[b])
+                touched = (at.surface.distance - distance) / (_FULLY * at.surface.distance)
+                area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
+                area = repeatable(area, at.surface.shift / at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
             if wp.static(grips):
-                _more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
+                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along
             if wp.dot(v, v) > wp.float64(0.0):
-                force = repeatable(v * surface.areas[f, q], surface.shift)
-                moment = repeatable(wp.cross(x - poses.tips[b], force), surface.shift)
+                force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
+                moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):
                     wp.atomic_add(wrench_out, b, k, force[k])
                     wp.atomic_add(wrench_out, b, 3 + k, moment[k])
 
     @wp.kernel(enable_backward=False, module="unique")
     def spread(
-        # Model:
-        surface: TouchedSurface,
-        bodies: wp.array(dtype=Body),
+        at: Pressed,
         hats: wp.array2d(dtype=wp.float64),
-        # Data in:
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         pressed_out: wp.array2d(dtype=wp.float64),
         sheared_out: wp.array2d(dtype=wp.vec3d),
     ):
         b, f, q = wp.tid()
-        x = surface_point(surface, positions[b], f, q)
-        here = posed(bodies, poses, b)
+        here, x = met(at, b, f, q)
         distance, _n = nearby_gap(here, x)
-        if distance < surface.distance:
-            _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+        if distance < at.surface.distance:
+            _density, slope, _change = normal_contact(at.surface, b, distance)
             along = wp.vec3d()
             if wp.static(grips):
-                _more, along, _tangent = held_back(surface, here, grip, b, f, q, x, _EXACT)
-            for k in range(surface.faces.shape[1]):
-                share = hats[q, k] * surface.areas[f, q]
+                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
+            for k in range(at.surface.faces.shape[1]):
+                share = hats[q, k] * at.surface.areas[f, q]
                 if share > wp.float64(0.0):
-                    pressed = repeatable(-slope * share, surface.shift)
-                    wp.atomic_add(pressed_out, b, surface.faces[f, k], pressed)
-                    sheared = repeatable(-along * share, surface.shift)
-                    wp.atomic_add(sheared_out, b, surface.faces[f, k], sheared)
+                    pressed = repeatable(-slope * share, at.surface.shift)
+                    wp.atomic_add(pressed_out, b, at.surface.faces[f, k], pressed)
+                    sheared = repeatable(-along * share, at.surface.shift)
+                    wp.atomic_add(sheared_out, b, at.surface.faces[f, k], sheared)
 
     return ContactKernels(touch, force, hold, drag, stiffen, wrench, spread)

@@ -13,6 +13,7 @@ import warp as wp
 from sim.contact.contact_kernels import (
     ContactKernels,
     GripArrays,
+    Pressed,
     TouchedSurface,
     contact_kernels,
     hessian,
@@ -174,9 +175,8 @@ class ContactSurface:
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        buffers, (poses, at) = self.buffers(1), self._at(positions, state)
-        inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
-        inputs += [self.grip_arrays(state.grip), at]
+        buffers = self.buffers(1)
+        inputs = [self.pressed(positions, indenter, state), self._device.array([1], wp.int32)]
         self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
@@ -184,14 +184,12 @@ class ContactSurface:
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        poses, at = self._at(positions, state)
-        given = [*self._model(indenter, state), poses, self.grip_arrays(state.grip), at]
-        return self.forces_of(given, curved=curved)
+        return self.forces_of(self.pressed(positions, indenter, state), curved=curved)
 
-    def forces_of(self, given: list[Any], *, curved: bool = True) -> ContactForces:
-        """Return the same where surface, body, poses, grip and positions are on the device."""
+    def forces_of(self, pressed: Any, *, curved: bool = True) -> ContactForces:
+        """Return the same of what is ``Pressed`` on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        self._device.launch(self.kernels.force, (1, *self._shape), [*given, curved], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [pressed, curved], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
@@ -235,10 +233,10 @@ class ContactSurface:
     def _regrip(
         self, kernel: Any, indenter: Indenter, state: State, start: list[Any], out: list[Any]
     ) -> None:
-        grip, wanted = self.grip_arrays(state.grip), self._device.array([1], wp.int32)
-        inputs = [*self._model(indenter, state), wanted, *self._at(state.positions, state)]
-        self._device.launch(kernel, (1, *self._shape), [*inputs, *start, grip], out)
-        state.grip = self.grip_of(grip)
+        pressed = self.pressed(state.positions, indenter, state)
+        inputs = [pressed, self._device.array([1], wp.int32), *start]
+        self._device.launch(kernel, (1, *self._shape), inputs, out)
+        state.grip = self.grip_of(pressed.grip)
 
     def grip_arrays(self, grip: Grip | None, count: int = 1) -> Any:
         """Return a memory on the device, of one press or so many free ones.
@@ -265,14 +263,17 @@ class ContactSurface:
     def _points(self, kind: Any, count: int = 1) -> Any:
         return self._device.empty((count, *self._shape), kind)
 
-    def _model(self, indenter: Indenter, state: State) -> list[Any]:
+    def pressed(self, positions: FloatArray, indenter: Indenter, state: State) -> Any:
+        """Return what is ``Pressed`` on the device, for nodes [m] that a state may not have."""
         extensions = self._device.array([state.extension], wp.float64)
-        surface = replaced(TouchedSurface, self._surface, extensions=extensions)
-        return [surface, body_of(indenter, device=self._device.name)]
-
-    def _at(self, positions: FloatArray, state: State) -> tuple[Any, Any]:
-        poses = poses_at(state.tip[None], state.rotation[None], self._device)
-        return poses, self._device.array(positions[None], wp.vec3d)
+        return filled(
+            Pressed,
+            surface=replaced(TouchedSurface, self._surface, extensions=extensions),
+            bodies=body_of(indenter, device=self._device.name),
+            poses=poses_at(state.tip[None], state.rotation[None], self._device),
+            grip=self.grip_arrays(state.grip),
+            positions=self._device.array(positions[None], wp.vec3d),
+        )
 
 
 def contact_rounding_n(found: ContactForces) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.contact.contact_kernels import Pressed
 from sim.contact.contact_surface import ContactForces, ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled
@@ -83,6 +84,7 @@ class Descents:
         memory: What they remember of their steps.
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
+        pressed: Surfaces, indenters, poses, grip and positions, as contact's kernels take them.
         threads: Of a block that has an environment.
         sources: What the inverse is asked for; ``found`` what it answers.
         places: A launch that gives who asks a column of these; None where each keeps its own.
@@ -113,7 +115,6 @@ class Descents:
         self._gel = gel
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self.threads = _THREADS if device.is_gpu else 1
-        self.body = body_of(indenter, device=device.name)
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]
         )
@@ -130,6 +131,14 @@ class Descents:
         self.positions = device.zeros((count, nodes), wp.vec3d)
         self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
         self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
+        self.pressed = filled(
+            Pressed,
+            surface=self.surface,
+            bodies=body_of(indenter, device=device.name),
+            poses=self.poses,
+            grip=self.grip,
+            positions=self.positions,
+        )
         self.gel_buffers, self.contact_buffers = (
             model.gel.buffers(count),
             model.surface.buffers(count),
@@ -180,8 +189,7 @@ class Descents:
 
     def contact(self) -> ContactForces:
         """Return the contact of the only environment, where it is; its stiffness is exact."""
-        at = [self.surface, self.body, self.poses, self.grip, self.positions]
-        return self.model.surface.forces_of(at)
+        return self.model.surface.forces_of(self.pressed)
 
     def step(self) -> None:
         """Have every environment that runs do its next thing."""
@@ -299,15 +307,14 @@ class Descents:
 
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
         made, device = surface.kernels, self._device
-        body = self.body
         shape = tuple(self.contact_buffers[1].shape)
-        at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]
-        touch = device.record(made.touch, shape, [*at, *self.contact_buffers])
+        given = [self.pressed, self.state.wanted, *self.contact_buffers]
+        touch = device.record(made.touch, shape, given)
         if not self._limits.lags:
             return touch, None
-        held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
+        held = [self.pressed, self.state.holding, self.grip_start]
         room = [*self.contact_buffers[:2], *self.grip_buffers]
-        return touch, device.record(made.hold, shape, [self.surface, body, *held, *room])
+        return touch, device.record(made.hold, shape, [*held, *room])
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""
