@@ -78,9 +78,9 @@ def _described(indenter: Indenter, rounding_m: float, device: str) -> tuple[Any,
         rounded = indenter.with_edges(min(rounding_m, most_m))
         surface, tree = on_device(rounded.surface, device, rounding_m=rounded.rounding_m)
         return filled(Body, is_mesh=True, surface=surface), tree
-    radius_m, is_ball = getattr(indenter, "radius_m", _PLATE_M), isinstance(indenter, Sphere)
-    sharp_m = radius_m if is_ball else getattr(indenter, "fillet_m", 0.0)
-    fillet_m = max(sharp_m, min(rounding_m, radius_m))
+    radius_m = getattr(indenter, "radius_m", _PLATE_M)
+    fillet_m = max(getattr(indenter, "fillet_m", 0.0), min(rounding_m, radius_m))
+    is_ball = isinstance(indenter, Sphere)
     return filled(Body, is_ball=is_ball, radius=radius_m, fillet=fillet_m), None
 
 
