@@ -150,6 +150,10 @@ class ContactSurface:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
         return on_host(self._surface.areas)
 
+    def points(self, positions: FloatArray) -> FloatArray:
+        """Return the contact points of nodes [m], shape [face_count, point_count, 3]."""
+        return np.asarray(self._pad.reference.face_values @ positions[self._pad.faces])
+
     def free_grip(
         self, positions: FloatArray, tip: FloatArray, rotation: FloatArray
     ) -> Grip | None:
@@ -162,10 +166,9 @@ class ContactSurface:
         """
         if not self._options.is_tangential:
             return None
-        points = self._pad.reference.face_values @ positions[self._pad.faces]
         return Grip(
             held=np.zeros(self._shape),
-            anchors=(points - tip) @ rotation,
+            anchors=(self.points(positions) - tip) @ rotation,
             loads=np.zeros((*self._shape, 3)),
         )
 

@@ -57,7 +57,7 @@ def posed(bodies: wp.array(dtype=Body), poses: Poses, b: wp.int32) -> Body:
     return body
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)
 def body_of(indenter: Indenter | IndenterSet, *, device: str = "cpu") -> Any:
     """Return a ``Body`` of each environment on a device, or of all, without a pose; made once."""
     every = indenter

@@ -112,7 +112,7 @@ class Descents:
             )
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
-        self._gel = gel
+        self._gel, self.indenter = gel, indenter
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self.threads = _THREADS if device.is_gpu else 1
         self.surface = surface or model.surface.of(
