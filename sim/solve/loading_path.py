@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -141,11 +141,6 @@ class LoadingPath(Stepping):
             touch_m=self.touch_m,
         )
         self.setup_s = time.perf_counter() - started
-
-    @property
-    def points(self) -> Sequence[PathPoint]:
-        """The equilibria so far: all, or the last ones."""
-        return tuple(self.known)
 
     def stiffer(self, factor: float) -> LoadingPath:
         """Return the same path, at its start, in a gel that is so many times as stiff.

@@ -177,7 +177,7 @@ class Stepping:
     # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
     history: list[tuple[float, float]] = field(init=False, default_factory=list)
     # The last of these equilibria; all of them if ``keeps_all``.
-    known: deque[PathPoint] = field(init=False)
+    points: deque[PathPoint] = field(init=False)
     # Points of the phases of one direction, with their places along it.
     _alike: deque[tuple[float, PathPoint]] = field(
         init=False, default_factory=lambda: deque(maxlen=_REMEMBERED)
@@ -187,7 +187,7 @@ class Stepping:
     def __post_init__(self) -> None:
         if self.step_max_m == 0.0:
             self.step_max_m = STEP_SHARE * self.model.height_m
-        self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
+        self.points = deque(maxlen=None if self.keeps_all else _REMEMBERED)
         self.solver = EquilibriumSolver(self.model, self.indenter, self.potential, reuse=self.reuse)
 
     @property
@@ -216,7 +216,7 @@ class Stepping:
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
-        self.known.append(point)
+        self.points.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
         for memory in self.memories:
             memory.commit(point.state.positions)
@@ -393,7 +393,7 @@ class Stepping:
         held = phase.load_at(phase.end) is None
         known = [
             (each.depth_m if held else float(each.force_n[2]), each)
-            for each in self.known
+            for each in self.points
             if np.array_equal(each.state.tip[:2], point.state.tip[:2])
             and np.array_equal(each.state.rotation, point.state.rotation)
         ]
