@@ -19,7 +19,7 @@ from sim.contact.contact_kernels import (
     hessian,
 )
 from sim.contact.indenter_distance import body_of, poses_at
-from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
+from sim.device import Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter
 from tacauchy_rig.core.arrays import FloatArray
@@ -277,10 +277,3 @@ class ContactSurface:
             grip=self.grip_arrays(state.grip),
             positions=self._device.array(positions[None], wp.vec3d),
         )
-
-
-def contact_rounding_n(found: ContactForces) -> float:
-    """Return how much the contact forces change when the points' coordinates are rounded [N]."""
-    stiffness = np.linalg.norm(found.stiffness, axis=(2, 3))
-    change = KERNEL_EPSILON * stiffness * np.abs(found.points).max(axis=2)
-    return float(np.linalg.norm(change))
