@@ -342,11 +342,10 @@ class Batch:
         """Record what sets pressure and shear."""
         descents, model, record = self.descents, self.model, self._device.record
         fields, hats = [self.pressure, self.shear], quarter_hats(model.reference.face_points)
-        made, shape = model.surface.kernels(descents.indenter), descents.contact_buffers[1].shape
-        at = [descents.surface, descents.body, self._device.array(hats, wp.float64)]
-        now = [descents.poses, descents.grip, descents.positions]
+        made, shape = model.surface.kernels, descents.contact_buffers[1].shape
+        at = [descents.pressed, self._device.array(hats, wp.float64)]
         return (
-            record(made.spread, tuple(shape), [*at, *now, *fields]),
+            record(made.spread, tuple(shape), [*at, *fields]),
             record(
                 kernels.per_area,
                 (self.count, len(self.areas_m2)),

@@ -81,9 +81,7 @@ class ContactInverse:
         """Learn whose contact to look at."""
         device, model, c = self._device, self._model, self._correction
         correct, set_tip = correct_kernels(self.kind)
-        made = model.surface.kernels(descents.indenter)
-        at = [descents.surface, descents.body, c.faces]
-        at += [c.renews, descents.poses, descents.grip, descents.positions]
+        made = model.surface.kernels
         contact_shape = tuple(descents.contact_buffers[1].shape)
         tip_row, state = model.pattern.dof_count, descents.state
         descents.places = self._rest.places(state)
@@ -93,17 +91,15 @@ class ContactInverse:
             threads = _THREADS if device.is_gpu else 1
             return device.record(kernel, (self._count, threads), inputs, threads)
 
-        stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
+        at = [descents.pressed, c.faces, c.renews, c.stiffness, c.touching]
+        stiffen = device.record(made.stiffen, contact_shape, at)
         given = [descents.sources, descents.found, self._corrected, self._tips]
-        weights = self.weights
-        if weights is None:
-            weights = device.array(np.ones(tip_row + 1), wp.float32)
         self._launches = (
             device.record(choose, tuple(c.touching.shape), [state, c]),
             stiffen,
             blocks(list_touching, [c]),
             blocks(factor, [state, c]),
-            blocks(correct, [state, c, tip_row, self._units, weights, *given]),
+            blocks(correct, [state, c, tip_row, self._units, self.weights, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )
 

@@ -7,7 +7,8 @@ import warp as wp
 
 from sim.batch import frame_kernels as kernels
 from sim.batch.sensor_model import ForceBias
-from sim.device import Device
+from sim.contact.contact_kernels import Pressed
+from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
@@ -114,18 +115,18 @@ class Frames:
         descents, history, record = self._descents, self._history, self._device.record
         state, poses, positions = descents.state, descents.poses, descents.positions
         model, buffers, new = descents.model, descents.contact_buffers, history.comes
-        made, own = model.surface.kernels(descents.indenter), (descents.count,)
+        made, own = model.surface.kernels, (descents.count,)
         set_out = record(kernels.set_out, own, [self.motions, history, poses, state, self._new])
         put = [self._rest, new, False, poses, state, history, positions]
         put_back = record(kernels.put_back, tuple(positions.shape), put)
         points, gaps = tuple(buffers[1].shape), buffers[2].reshape((descents.count, -1))
-        at = [descents.surface, descents.body, new, poses]
-        touch = record(made.touch, points, [*at, descents.grip, positions, *buffers])
+        touch = record(made.touch, points, [descents.pressed, new, *buffers])
         threads, down = 256 if self._device.is_gpu else 1, [new, gaps, self.motions, poses]
         lower = record(kernels.lower, (descents.count, threads), down, threads)
         grips = (descents.grip, descents.grip_start) if model.contact_options.is_tangential else ()
         let_go = [record(kernels.let_go, points, [new, grip]) for grip in grips]
-        drag = [record(made.drag, points, [*at, positions, grip]) for grip in grips]
+        held = [replaced(Pressed, descents.pressed, grip=grip) for grip in grips]
+        drag = [record(made.drag, points, [each, new]) for each in held]
         return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
     def _recorded(
@@ -136,28 +137,27 @@ class Frames:
         model, state, poses = descents.model, descents.state, descents.poses
         own, nodes = (descents.count,), tuple(descents.positions.shape)
         points = tuple(descents.contact_buffers[1].shape)
-        made = model.surface.kernels(descents.indenter)
+        made = model.surface.kernels
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
         lags = options.friction > 0.0
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
-        at = [descents.surface, descents.body, history.arrives, poses]
+        at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*at, grip, descents.positions, history.touched]),
+            record(made.wrench, points, [*at, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:
             # One that did not arrive may have left other grips than it began with.
             begin.append(record(kernels.copy_grip, points, [history.starts, kept, grip]))
-            moved = [*at, descents.positions]
             if options.bonded:
-                held = [kept, grip, *descents.contact_buffers[:2], *descents.grip_buffers]
-                end.append(record(made.hold, points, [*moved, *held]))
+                held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
+                end.append(record(made.hold, points, [*at, *held]))
             else:
-                end.append(record(made.drag, points, [*moved, grip]))
+                end.append(record(made.drag, points, at))
             end.append(record(kernels.copy_grip, points, [history.arrives, grip, kept]))
         begin.append(record(kernels.predict, nodes, put))
         end.append(record(kernels.remember, nodes, [descents.positions, history]))

@@ -19,7 +19,7 @@ from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import Device
 from sim.solve.linear_solver import linear_solver
 from sim.solve.model import Model
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Of a GPU's memory: what a matrix in float32 and its packed half may take.
@@ -47,10 +47,11 @@ class FactoredRest:
             were not asked for by ``need`` are zero.
     """
 
-    kind, scaled, unit, weights = wp.float64, False, 1.0, None
+    kind, scaled, unit = wp.float64, False, 1.0
 
     def __init__(self, model: Model, rows: IntArray, *, count: int) -> None:
         self.row_count, self.column_count = model.pattern.dof_count + 1, count
+        self.weights = Device("cpu").array(np.ones(self.row_count), wp.float32)
         self._solver = linear_solver(model.pattern)
         self._solver.factorise(model.rest_hessian_data())
         self._rows = rows
@@ -192,13 +193,11 @@ def _dense(model: Model, whole: int, device: Device) -> Any:
     """Return the undeformed stiffness [N/m] as a dense matrix, with ones beyond its unknowns."""
     pattern = model.pattern
     matrix = device.zeros((whole, whole), wp.float32)
-    diagonal = device.array(np.arange(pattern.dof_count, whole), wp.int32)
-    if whole > pattern.dof_count:
-        device.launch(kernels.one_at, (whole - pattern.dof_count,), [diagonal], [matrix])
+    beyond = np.arange(pattern.dof_count, whole)
     rows = np.repeat(np.arange(pattern.dof_count), np.diff(pattern.indptr))
-    values: FloatArray = model.rest_hessian_data()
-    entries = [device.array(rows, wp.int32), device.array(pattern.indices, wp.int32)]
-    entries.append(device.array(values, wp.float32))
+    places = (np.append(each, beyond) for each in (rows, pattern.indices))
+    values = np.append(model.rest_hessian_data(), np.ones(len(beyond)))
+    entries = [*(device.array(each, wp.int32) for each in places), device.array(values, wp.float32)]
     device.launch(kernels.spread, (len(values),), entries, [matrix])
     return matrix
 

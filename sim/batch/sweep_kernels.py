@@ -17,13 +17,6 @@ _WIDE = wp.constant(BLOCK)
 
 
 @wp.kernel(enable_backward=False)
-def one_at(places: wp.array(dtype=wp.int32), matrix: wp.array2d(dtype=wp.float32)):
-    """Put ones on places of the diagonal; launches over them."""
-    i = places[wp.tid()]
-    matrix[i, i] = wp.float32(1.0)
-
-
-@wp.kernel(enable_backward=False)
 def spread(
     rows: wp.array(dtype=wp.int32),
     columns: wp.array(dtype=wp.int32),

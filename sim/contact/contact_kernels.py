@@ -27,8 +27,8 @@ only the share c of the path that is left counts: u is c times the offset from t
 of 1 / c. That is the same force as from an anchor on the path, but what is lagged is c, not a place
 that would run after the point. When the step has ended, the place is the anchor.
 
-The kernels are compiled for one kind of indenter, analytic or of triangles, and for whether
-anything resists along the surface, so that none carries what it does not need. All launch over
+The kernels are compiled for whether anything resists along the surface, so that none carries what
+it does not need. All launch over
 [environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
 """
 
@@ -71,29 +71,19 @@ class TouchedSurface:
 
 
 @wp.func
-def surface_point(
-    surface: TouchedSurface, positions: wp.array(dtype=wp.vec3d), face: wp.int32, point: wp.int32
-) -> wp.vec3d:
-    """Return the position of a contact point [m]."""
-    x = wp.vec3d()
-    for k in range(surface.faces.shape[1]):
-        x += positions[surface.faces[face, k]] * surface.values[point, k]
-    return x
-
-
-@wp.func
 def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
     """Return ``v`` without its component along the unit vector ``n``."""
     return v - n * wp.dot(v, n)
 
 
 @wp.func
-def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
-    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m] at gap s d_hat < d_hat.
+def normal_contact(surface: TouchedSurface, b: wp.int32, gap: wp.float64):
+    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m], at a gap < d_hat [m].
 
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
     one = wp.float64(1.0)
+    s = gap / surface.distance
     r = wp.max(s, surface.extensions[b])
     h = s - r
     scale = surface.stiffness[b] * surface.young[b]
@@ -142,9 +132,29 @@ class GripArrays:
     loads: wp.array3d(dtype=wp.vec3d)
 
 
+@wp.struct
+class Pressed:
+    """Surfaces of environments, where they are, and what presses them."""
+
+    surface: TouchedSurface
+    bodies: wp.array(dtype=Body)
+    poses: Poses
+    grip: GripArrays
+    positions: wp.array2d(dtype=wp.vec3d)  # of the nodes [m], [environment_count, node_count]
+
+
+@wp.func
+def met(at: Pressed, b: wp.int32, face: wp.int32, point: wp.int32):
+    """Return an environment's indenter, and the position of a contact point [m]."""
+    x = wp.vec3d()
+    for k in range(at.surface.faces.shape[1]):
+        x += at.positions[b, at.surface.faces[face, k]] * at.surface.values[point, k]
+    return posed(at.bodies, at.poses, b), x
+
+
 @wp.func
 def grip_offset(
-    body: Any, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
+    body: Body, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
 ) -> wp.vec3d:
     """Return the tangential offset in the pad's frame [m]: a share of that from the anchor."""
     p = wp.length(load)
@@ -155,7 +165,7 @@ def grip_offset(
 
 
 @wp.func
-def share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
+def share_held(body: Body, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
     """Return the share of a straight path after its gap fell to ``reach``.
 
     Args:
@@ -197,65 +207,37 @@ def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, l
 
 @wp.func
 def held_back(
-    surface: TouchedSurface,
-    body: Any,
-    grip: GripArrays,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    x: wp.vec3d,
+    at: Pressed, body: Body, b: wp.int32, f: wp.int32, q: wp.int32, x: wp.vec3d, least: wp.float64
 ):
-    """Return energy [J/m^2] and its gradient [Pa] of what a point of an environment holds on to."""
-    density = wp.float64(0.0)
-    along = wp.vec3d()
-    held = grip.held[b, f, q]
-    if held > wp.float64(0.0):
-        load = grip.loads[b, f, q]
-        u = grip_offset(body, held, load, grip.anchors[b, f, q], x)
-        whole, across, _stiffness = tangential_contact(surface, b, wp.length(load), wp.length(u))
-        density = whole / held
-        along = u * across
-    return density, along
-
-
-@wp.func
-def held_stiffness(
-    surface: TouchedSurface,
-    body: Any,
-    grip: GripArrays,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    x: wp.vec3d,
-    least: wp.float64,
-):
-    """Return the traction [Pa] of what a point holds on to, and its stiffness [Pa/m].
+    """Return energy [J/m^2] of what a point holds on to, its gradient [Pa] and stiffness [Pa/m].
 
     Along the offset the stiffness is at least this share of that across it.
     """
+    density = wp.float64(0.0)
     pull = wp.vec3d()
     stiffness = wp.mat33d()
-    share = grip.held[b, f, q]
+    share = at.grip.held[b, f, q]
     if share > wp.float64(0.0):
-        lagged = grip.loads[b, f, q]
-        u = grip_offset(body, share, lagged, grip.anchors[b, f, q], x)
+        lagged = at.grip.loads[b, f, q]
+        u = grip_offset(body, share, lagged, at.grip.anchors[b, f, q], x)
         length = wp.length(u)
         load = wp.length(lagged)
-        _more, across, along = tangential_contact(surface, b, load, length)
+        whole, across, along = tangential_contact(at.surface, b, load, length)
+        density = whole / share
+        pull = u * across
         tangent = wp.identity(n=3, dtype=wp.float64)
         if load > wp.float64(0.0):
             held = body.rotation * (lagged / load)
             tangent = tangent - wp.outer(held, held)
-        stiffness += tangent * (share * across)
+        stiffness = tangent * (share * across)
         if length > wp.float64(1.0e-30):
             t = u / length
             stiffness += wp.outer(t, t) * (share * (wp.max(along, least * across) - across))
-        pull = u * across
-    return pull, stiffness
+    return density, pull, stiffness
 
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
-_LEAST_ALONG = wp.constant(wp.float64(0.3))
+_LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
@@ -265,7 +247,7 @@ _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 @dataclass(frozen=True, slots=True)
 class ContactKernels:
-    """The kernels for one kind of body, with or without what resists along the surface."""
+    """The kernels, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
     # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]
@@ -301,20 +283,14 @@ def add_traction(
 
 
 @cache
-def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
+def contact_kernels(*, grips: bool) -> ContactKernels:
     """Build the kernels."""
-    gap_of = signed_distance if body_kind is Body else nearby_gap
 
     @wp.kernel(enable_backward=False, module="unique")
     def touch(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         nodes_out: wp.array2d(dtype=wp.vec3d),
         energy_out: wp.array3d(dtype=wp.float64),
@@ -322,31 +298,25 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here, x = met(at, b, f, q)
+            distance, n = nearby_gap(here, x)
             density = wp.float64(0.0)
             v = wp.vec3d()
-            if distance < surface.distance:
-                density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
             if wp.static(grips):
-                more, along = held_back(surface, here, grip, b, f, q, x)
+                more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 density += more
                 v += along
-            energy_out[b, f, q] = surface.areas[f, q] * density
+            energy_out[b, f, q] = at.surface.areas[f, q] * density
             gap_out[b, f, q] = distance
-            add_traction(surface, b, f, q, v, nodes_out)
+            add_traction(at.surface, b, f, q, v, nodes_out)
 
     @wp.kernel(enable_backward=False, module="unique")
     def force(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         # Data in:
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         curved: wp.bool,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
@@ -357,39 +327,32 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # With ``curved`` the stiffness is exact; without, the indenter's curvature is left out,
         # which keeps it positive semidefinite.
         b, f, q = wp.tid()
-        x = surface_point(surface, positions[b], f, q)
-        here = posed(body, poses, b)
+        here, x = met(at, b, f, q)
         distance, n = signed_distance(here, x)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
-        if distance < surface.distance:
-            _energy, slope, change = normal_contact(surface, b, distance / surface.distance)
+        if distance < at.surface.distance:
+            _energy, slope, change = normal_contact(at.surface, b, distance)
             pull = n * slope
             stiffness = wp.outer(n, n) * change
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
-            exact = wp.float64(0.0)
-            along, tangent = held_stiffness(surface, here, grip, b, f, q, x, exact)
+            _more, along, tangent = held_back(at, here, b, f, q, x, _EXACT)
             pull += along
             stiffness += tangent
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
-        force_out[b, f, q] = pull * surface.areas[f, q]
-        stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
+        force_out[b, f, q] = pull * at.surface.areas[f, q]
+        stiffness_out[b, f, q] = stiffness * at.surface.areas[f, q]
 
     @wp.kernel(enable_backward=False, module="unique")
     def hold(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        positions: wp.array2d(dtype=wp.vec3d),
         start: GripArrays,
         # Data in and out:
-        grip: GripArrays,
         nodes: wp.array2d(dtype=wp.vec3d),
         energy: wp.array3d(dtype=wp.float64),
         # Data out:
@@ -400,79 +363,66 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # ``wanted``, 1/n of the pressure's change is taken over.
         b, f, q = wp.tid()
         if wanted[b] > 0:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
+            here, x = met(at, b, f, q)
             distance, n = signed_distance(here, x)
-            before, pulled = held_back(surface, here, grip, b, f, q, x)
+            before, pulled, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
             load = wp.vec3d()
-            if distance < surface.distance:
+            if distance < at.surface.distance:
                 held = wp.float64(1.0)
                 if start.held[b, f, q] == wp.float64(0.0):
-                    if surface.bonded:
+                    if at.surface.bonded:
                         anchor = local_point(here, x)
                     else:
-                        held = share_held(here, anchor, distance, surface.distance)
-                _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
+                        held = share_held(here, anchor, distance, at.surface.distance)
+                _energy, slope, _change = normal_contact(at.surface, b, distance)
                 # Where there is no pressure yet, a tiny one carries the direction.
                 load = (wp.transpose(here.rotation) * n) * wp.max(-slope, _TINY_PA)
-            change_out[b, f, q] = surface.areas[f, q] * wp.length(load - grip.loads[b, f, q])
-            limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
+            change_out[b, f, q] = at.surface.areas[f, q] * wp.length(load - at.grip.loads[b, f, q])
+            limit_out[b, f, q] = at.surface.areas[f, q] * wp.length(load)
             if wanted[b] > 1:
                 share = wp.float64(1.0) / wp.float64(wanted[b])
-                load = wp.lerp(grip.loads[b, f, q], load, share)
-                held = wp.lerp(grip.held[b, f, q], held, share)
-            grip.held[b, f, q] = held
-            grip.anchors[b, f, q] = anchor
-            grip.loads[b, f, q] = load
-            density, pull = held_back(surface, here, grip, b, f, q, x)
-            energy[b, f, q] += surface.areas[f, q] * (density - before)
-            add_traction(surface, b, f, q, pull - pulled, nodes)
+                load = wp.lerp(at.grip.loads[b, f, q], load, share)
+                held = wp.lerp(at.grip.held[b, f, q], held, share)
+            at.grip.held[b, f, q] = held
+            at.grip.anchors[b, f, q] = anchor
+            at.grip.loads[b, f, q] = load
+            density, pull, _tangent = held_back(at, here, b, f, q, x, _EXACT)
+            energy[b, f, q] += at.surface.areas[f, q] * (density - before)
+            add_traction(at.surface, b, f, q, pull - pulled, nodes)
 
     @wp.kernel(enable_backward=False, module="unique")
     def drag(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        positions: wp.array2d(dtype=wp.vec3d),
-        # Data in and out:
-        grip: GripArrays,
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
             # An anchor is brought up to the offset behind its point, the slip length at most; that
             # of a free point comes along, to know where it was last free.
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            at = local_point(here, x)
-            held = grip.held[b, f, q]
+            here, x = met(at, b, f, q)
+            place = local_point(here, x)
+            held = at.grip.held[b, f, q]
             if held == wp.float64(0.0):
-                grip.anchors[b, f, q] = at
+                at.grip.anchors[b, f, q] = place
             else:
-                u = grip_offset(here, held, grip.loads[b, f, q], grip.anchors[b, f, q], x)
+                u = grip_offset(here, held, at.grip.loads[b, f, q], at.grip.anchors[b, f, q], x)
                 length = wp.length(u)
-                slides = length > surface.slip and not surface.bonded
+                slides = length > at.surface.slip and not at.surface.bonded
                 if slides:
-                    u = u * (surface.slip / length)
+                    u = u * (at.surface.slip / length)
                 if slides or held < wp.float64(1.0):
-                    grip.anchors[b, f, q] = at - wp.transpose(here.rotation) * u
-                    grip.held[b, f, q] = wp.float64(1.0)
+                    at.grip.anchors[b, f, q] = place - wp.transpose(here.rotation) * u
+                    at.grip.held[b, f, q] = wp.float64(1.0)
 
     @wp.kernel(enable_backward=False, module="unique")
     def stiffen(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         numbers: wp.array2d(dtype=wp.int32),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         stiffness_out: wp.array3d(dtype=wp.mat33f),
         touching_out: wp.array2d(dtype=wp.int32),
@@ -480,92 +430,73 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here, x = met(at, b, f, q)
+            distance, n = nearby_gap(here, x)
             stiffness = wp.mat33d()
-            if distance < surface.distance:
-                _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                _energy, _slope, change = normal_contact(at.surface, b, distance)
                 stiffness = wp.outer(n, n) * change
             if wp.static(grips):
-                _along, tangent = held_stiffness(surface, here, grip, b, f, q, x, _LEAST_ALONG)
+                _more, _along, tangent = held_back(at, here, b, f, q, x, _LEAST_ALONG)
                 stiffness += tangent
-            stiffness_out[b, f, q] = wp.mat33f(stiffness * surface.areas[f, q])
+            stiffness_out[b, f, q] = wp.mat33f(stiffness * at.surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
-                for k in range(surface.faces.shape[1]):
+                for k in range(at.surface.faces.shape[1]):
                     if numbers[f, k] >= 0:
                         touching_out[b, numbers[f, k]] = 1
 
     @wp.kernel(enable_backward=False, module="unique")
     def wrench(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            x = surface_point(surface, positions[b], f, q)
-            here = posed(body, poses, b)
-            distance, n = gap_of(here, x)
+            here, x = met(at, b, f, q)
+            distance, n = nearby_gap(here, x)
             v = wp.vec3d()
-            if distance < surface.distance:
-                _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            if distance < at.surface.distance:
+                _density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
-                touched = (surface.distance - distance) / (_FULLY * surface.distance)
-                area = surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
-                area = repeatable(area, surface.shift / surface.young[b])
+                touched = (at.surface.distance - distance) / (_FULLY * at.surface.distance)
+                area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
+                area = repeatable(area, at.surface.shift / at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
             if wp.static(grips):
-                _more, along = held_back(surface, here, grip, b, f, q, x)
+                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along
             if wp.dot(v, v) > wp.float64(0.0):
-                force = repeatable(v * surface.areas[f, q], surface.shift)
-                moment = repeatable(wp.cross(x - poses.tips[b], force), surface.shift)
+                force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
+                moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):
                     wp.atomic_add(wrench_out, b, k, force[k])
                     wp.atomic_add(wrench_out, b, 3 + k, moment[k])
 
     @wp.kernel(enable_backward=False, module="unique")
     def spread(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
+        at: Pressed,
         hats: wp.array2d(dtype=wp.float64),
-        # Data in:
-        poses: Poses,
-        grip: GripArrays,
-        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         pressed_out: wp.array2d(dtype=wp.float64),
         sheared_out: wp.array2d(dtype=wp.vec3d),
     ):
         b, f, q = wp.tid()
-        x = surface_point(surface, positions[b], f, q)
-        here = posed(body, poses, b)
-        distance, _n = gap_of(here, x)
-        if distance < surface.distance:
-            _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+        here, x = met(at, b, f, q)
+        distance, _n = nearby_gap(here, x)
+        if distance < at.surface.distance:
+            _density, slope, _change = normal_contact(at.surface, b, distance)
             along = wp.vec3d()
             if wp.static(grips):
-                _more, along = held_back(surface, here, grip, b, f, q, x)
-            for k in range(surface.faces.shape[1]):
-                share = hats[q, k] * surface.areas[f, q]
+                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
+            for k in range(at.surface.faces.shape[1]):
+                share = hats[q, k] * at.surface.areas[f, q]
                 if share > wp.float64(0.0):
-                    pressed = repeatable(-slope * share, surface.shift)
-                    wp.atomic_add(pressed_out, b, surface.faces[f, k], pressed)
-                    sheared = repeatable(-along * share, surface.shift)
-                    wp.atomic_add(sheared_out, b, surface.faces[f, k], sheared)
+                    pressed = repeatable(-slope * share, at.surface.shift)
+                    wp.atomic_add(pressed_out, b, at.surface.faces[f, k], pressed)
+                    sheared = repeatable(-along * share, at.surface.shift)
+                    wp.atomic_add(sheared_out, b, at.surface.faces[f, k], sheared)
 
-    def built(kernel: Any) -> Any:
-        return wp.overload(kernel, {"body": body_kind})
-
-    return ContactKernels(
-        *(built(each) for each in (touch, force, hold, drag, stiffen, wrench, spread))
-    )
+    return ContactKernels(touch, force, hold, drag, stiffen, wrench, spread)

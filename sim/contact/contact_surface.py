@@ -13,14 +13,15 @@ import warp as wp
 from sim.contact.contact_kernels import (
     ContactKernels,
     GripArrays,
+    Pressed,
     TouchedSurface,
     contact_kernels,
     hessian,
 )
-from sim.contact.indenter_distance import body_kind, body_of, poses_at
-from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
+from sim.contact.indenter_distance import body_of, poses_at
+from sim.device import Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
-from sim.scene.indenter import Indenter, IndenterSet
+from sim.scene.indenter import Indenter
 from tacauchy_rig.core.arrays import FloatArray
 
 # A height map takes what is no farther from the indenter for touching.
@@ -149,6 +150,10 @@ class ContactSurface:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
         return on_host(self._surface.areas)
 
+    def points(self, positions: FloatArray) -> FloatArray:
+        """Return the contact points of nodes [m], shape [face_count, point_count, 3]."""
+        return np.asarray(self._pad.reference.face_values @ positions[self._pad.faces])
+
     def free_grip(
         self, positions: FloatArray, tip: FloatArray, rotation: FloatArray
     ) -> Grip | None:
@@ -161,10 +166,9 @@ class ContactSurface:
         """
         if not self._options.is_tangential:
             return None
-        points = self._pad.reference.face_values @ positions[self._pad.faces]
         return Grip(
             held=np.zeros(self._shape),
-            anchors=(points - tip) @ rotation,
+            anchors=(self.points(positions) - tip) @ rotation,
             loads=np.zeros((*self._shape, 3)),
         )
 
@@ -174,27 +178,21 @@ class ContactSurface:
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        buffers, (poses, at) = self.buffers(1), self._at(positions, state)
-        inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
-        inputs += [self.grip_arrays(state.grip), at]
-        self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(buffers))
+        buffers = self.buffers(1)
+        inputs = [self.pressed(positions, indenter, state), self._device.array([1], wp.int32)]
+        self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        poses, at = self._at(positions, state)
-        given = [*self._model(indenter, state), poses, self.grip_arrays(state.grip), at]
-        return self.forces_of(given, indenter, curved=curved)
+        return self.forces_of(self.pressed(positions, indenter, state), curved=curved)
 
-    def forces_of(
-        self, given: list[Any], indenter: Indenter | IndenterSet, *, curved: bool = True
-    ) -> ContactForces:
-        """Return the same where surface, body, poses, grip and positions are on the device."""
+    def forces_of(self, pressed: Any, *, curved: bool = True) -> ContactForces:
+        """Return the same of what is ``Pressed`` on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        kernel = self.kernels(indenter).force
-        self._device.launch(kernel, (1, *self._shape), [*given, curved], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [pressed, curved], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
@@ -228,20 +226,20 @@ class ContactSurface:
         if state.grip is not None:
             buffers = [*self.buffers(1)[:2], *(self._points(wp.float64) for _ in range(2))]
             lists = [self.grip_arrays(state.grip)], buffers
-            self._regrip(self.kernels(indenter).hold, indenter, state, *lists)
+            self._regrip(self.kernels.hold, indenter, state, *lists)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:
         """Let the anchors of sliding points follow; the state is then one to go on from."""
         if state.grip is not None and not self._options.bonded:
-            self._regrip(self.kernels(indenter).drag, indenter, state, [], [])
+            self._regrip(self.kernels.drag, indenter, state, [], [])
 
     def _regrip(
         self, kernel: Any, indenter: Indenter, state: State, start: list[Any], out: list[Any]
     ) -> None:
-        grip, wanted = self.grip_arrays(state.grip), self._device.array([1], wp.int32)
-        inputs = [*self._model(indenter, state), wanted, *self._at(state.positions, state)]
-        self._device.launch(kernel, (1, *self._shape), [*inputs, *start, grip], out)
-        state.grip = self.grip_of(grip)
+        pressed = self.pressed(state.positions, indenter, state)
+        inputs = [pressed, self._device.array([1], wp.int32), *start]
+        self._device.launch(kernel, (1, *self._shape), inputs, out)
+        state.grip = self.grip_of(pressed.grip)
 
     def grip_arrays(self, grip: Grip | None, count: int = 1) -> Any:
         """Return a memory on the device, of one press or so many free ones.
@@ -260,25 +258,22 @@ class ContactSurface:
             return None
         return Grip(**{name: on_host(getattr(arrays, name))[b].copy() for name in _GRIP})
 
-    def kernels(self, indenter: Indenter | IndenterSet) -> ContactKernels:
-        """Return the kernels for an indenter."""
-        return contact_kernels(body_kind(indenter), grips=self._options.is_tangential)
+    @property
+    def kernels(self) -> ContactKernels:
+        """The kernels for any indenter."""
+        return contact_kernels(grips=self._options.is_tangential)
 
     def _points(self, kind: Any, count: int = 1) -> Any:
         return self._device.empty((count, *self._shape), kind)
 
-    def _model(self, indenter: Indenter, state: State) -> list[Any]:
+    def pressed(self, positions: FloatArray, indenter: Indenter, state: State) -> Any:
+        """Return what is ``Pressed`` on the device, for nodes [m] that a state may not have."""
         extensions = self._device.array([state.extension], wp.float64)
-        surface = replaced(TouchedSurface, self._surface, extensions=extensions)
-        return [surface, body_of(indenter, device=self._device.name)]
-
-    def _at(self, positions: FloatArray, state: State) -> tuple[Any, Any]:
-        poses = poses_at(state.tip[None], state.rotation[None], self._device)
-        return poses, self._device.array(positions[None], wp.vec3d)
-
-
-def contact_rounding_n(found: ContactForces) -> float:
-    """Return how much the contact forces change when the points' coordinates are rounded [N]."""
-    stiffness = np.linalg.norm(found.stiffness, axis=(2, 3))
-    change = KERNEL_EPSILON * stiffness * np.abs(found.points).max(axis=2)
-    return float(np.linalg.norm(change))
+        return filled(
+            Pressed,
+            surface=replaced(TouchedSurface, self._surface, extensions=extensions),
+            bodies=body_of(indenter, device=self._device.name),
+            poses=poses_at(state.tip[None], state.rotation[None], self._device),
+            grip=self.grip_arrays(state.grip),
+            positions=self._device.array(positions[None], wp.vec3d),
+        )

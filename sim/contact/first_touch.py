@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from sim.contact.indenter_distance import AnyBody, Poses, body_of, nearby_gap, posed, poses_at
+from sim.contact.indenter_distance import Body, Poses, body_of, nearby_gap, posed, poses_at
 from sim.device import Device
 from sim.scene.indenter import IndenterSet, TurnedIndenter
 from sim.scene.pad import Pad
@@ -17,7 +17,7 @@ _STEPS, _TOUCHES_M = 30, 1e-9
 
 @wp.kernel(enable_backward=False, module="unique")
 def _gaps(
-    body: AnyBody,
+    bodies: wp.array(dtype=Body),
     poses: Poses,
     # Data in:
     points: wp.array2d(dtype=wp.vec3d),
@@ -30,7 +30,7 @@ def _gaps(
     by = wp.abs(lowered[b])
     least = gap_io[b, p] - by
     if least <= by:
-        least, _n = nearby_gap(posed(body, poses, b), points[b, p])
+        least, _n = nearby_gap(posed(bodies, poses, b), points[b, p])
     gap_io[b, p] = least
 
 

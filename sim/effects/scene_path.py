@@ -81,7 +81,7 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=_longest_step(scene, plan, height_m=model.height_m),
-        potentials=(weight(model, density),) if plan.is_on(Effect.GRAVITY) else (),
+        potential=weight(model, density) if plan.is_on(Effect.GRAVITY) else None,
         inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
         options=_options(scene),
         reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
@@ -318,12 +318,13 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     free = other.surface.free_grip(moved.positions, moved.tip, moved.rotation)
     if free is None or state.grip is None:
         return None
-    rest, now = _contact_points(model, model.nodes), _contact_points(model, state.positions)
+    rest, now = (
+        model.surface.points(nodes).reshape(-1, 3) for nodes in (model.nodes, state.positions)
+    )
     away = state.grip.anchors.reshape(-1, 3) - (now - state.tip) @ state.rotation
     held, loads = state.grip.held.reshape(-1), state.grip.loads.reshape(-1, 3)
-    distance, near = scipy.spatial.KDTree(rest).query(
-        _contact_points(other, other.nodes), k=_NEAR_POINTS
-    )
+    places = other.surface.points(other.nodes).reshape(-1, 3)
+    distance, near = scipy.spatial.KDTree(rest).query(places, k=_NEAR_POINTS)
     weight = held[near] / (distance + _SAME_PLACE_M) ** 2
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), _NOTHING)
     own = held[near[:, 0]]
@@ -334,9 +335,3 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     return Grip(
         held=own.reshape(free.held.shape), anchors=free.anchors + mixed_away, loads=mixed_loads
     )
-
-
-def _contact_points(model: Model, positions: FloatArray) -> FloatArray:
-    """Return the contact points [m], shape [count, 3]."""
-    points = model.reference.face_values @ positions[model.faces]
-    return np.asarray(points.reshape(-1, 3))

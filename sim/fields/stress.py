@@ -178,21 +178,21 @@ class InterfaceTraction:
     below: BoolArray  # which tetrahedra lie below it, shape [tet_count]
     faces: IntArray  # on it, shape [face_count, face_node_count]
     # Of the gel below on the gel above for the whole pad, +z in compression as the force on the
-    # indenter is, shape [3]: the sum of the nodal forces, which equilibrium makes equal to the
-    # base's force, but for the weight in between
+    # indenter is, shape [3]: minus the sum of all other nodal forces of the gel below, which
+    # equilibrium makes equal to the base's force, but for the weight in between
     force_n: FloatArray
     element: StressOnSides  # by the stress of each element
 
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
     """Return the traction on every interface from the base upwards; none in a gel of one layer."""
-    labels, found = model.mesh.labels, []
+    labels, found, gradient = model.mesh.labels, [], model.gel.gradient(positions)
     for below in (labels <= layer for layer in range(int(labels.max()))):
         faces, under, over = _shared_faces(model.elements, below)
-        forces = nodal_forces(model, positions, below)[np.unique(faces)]
+        inner = np.setdiff1d(model.elements[below], faces)
         sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
         element = on_sides(model, positions, faces, *sides)
-        whole_n = -model.mesh.symmetry.whole_force(forces.sum(axis=0))
+        whole_n = model.mesh.symmetry.whole_force(gradient[inner].sum(axis=0))
         found.append(InterfaceTraction(below=below, faces=faces, force_n=whole_n, element=element))
     return tuple(found)
 
@@ -236,20 +236,3 @@ def _stress_on_faces(
     deformations = deformed @ model.discretisation.inverse_jacobians[parents, None]
     stress = model.gel.stress_at(deformations.reshape(-1, 3, 3), np.repeat(parents, len(points)))
     return stress.reshape(deformations.shape)
-
-
-def nodal_forces(model: Model, positions: FloatArray, chosen: BoolArray) -> FloatArray:
-    """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
-
-    An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.
-    """
-    nodes = model.elements[chosen]
-    deformed = np.einsum("enx,qny->eqxy", positions[nodes], model.reference.gradients)
-    inverse = np.swapaxes(np.linalg.inv(deformed), 2, 3)
-    cofactors = np.linalg.det(deformed)[..., None, None] * inverse
-    shares = model.reference.weights[:, None, None]
-    weighted = model.gel.cauchy_stress(positions)[chosen] * shares / 6.0
-    forces = np.einsum("eqik,qnk->eni", weighted @ cofactors, model.reference.gradients)
-    total = np.zeros_like(positions)
-    np.add.at(total, nodes, forces)
-    return total

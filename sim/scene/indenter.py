@@ -31,24 +31,17 @@ _SAME_HEIGHT = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cylinder:
-    """Flat-ended punch with its axis along z.
+class _Round:
+    """A body that is round seen from above; its edge is that of a ball, if it states no other."""
 
-    Attributes:
-        diameter_m: Diameter [m].
-        fillet_m: Radius of the rounded edge of the flat end [m]; 0 is a sharp rim.
-    """
-
-    diameter_m: float
-    fillet_m: float = 0.0
+    diameter_m: float  # [m]
 
     def __post_init__(self) -> None:
-        _check_positive("cylinder diameter", self.diameter_m)
-        if not 0.0 <= self.fillet_m <= 0.5 * self.diameter_m:
+        if not self.diameter_m > 0.0:
             raise ConfigError(
-                f"cylinder fillet {self.fillet_m * 1e3:g} mm is not between 0 and the radius "
-                f"{self.diameter_m * 500:g} mm",
-                remedy="give a fillet from 0 mm to the radius",
+                f"{type(self).__name__.lower()} diameter {self.diameter_m * 1e3:g} mm is not "
+                "positive",
+                remedy="give a length above 0 mm",
             )
 
     @property
@@ -56,28 +49,42 @@ class Cylinder:
         """Radius [m]."""
         return 0.5 * self.diameter_m
 
+    @property
+    def fillet_m(self) -> float:
+        """Radius of the rounded edge [m]."""
+        return self.radius_m
+
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        return _round_underside(self.radius_m, self.fillet_m, np.hypot(x, y))
+        away_m, fillet_m = np.hypot(x, y), self.fillet_m
+        inside = np.clip(away_m - (self.radius_m - fillet_m), 0.0, fillet_m)
+        height = fillet_m - np.sqrt(np.maximum(fillet_m**2 - inside**2, 0.0))
+        return np.where(away_m <= self.radius_m, height, np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sphere:
-    """Ball whose lowest point is the origin."""
+class Cylinder(_Round):
+    """Flat-ended punch with its axis along z.
 
-    diameter_m: float
+    Attributes:
+        fillet_m: Radius of the rounded edge of the flat end [m]; 0 is a sharp rim.
+    """
+
+    fillet_m: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_positive("sphere diameter", self.diameter_m)
+        _Round.__post_init__(self)
+        if not 0.0 <= self.fillet_m <= 0.5 * self.diameter_m:
+            raise ConfigError(
+                f"cylinder fillet {self.fillet_m * 1e3:g} mm is not between 0 and the radius "
+                f"{self.diameter_m * 500:g} mm",
+                remedy="give a fillet from 0 mm to the radius",
+            )
 
-    @property
-    def radius_m(self) -> float:
-        """Radius [m]."""
-        return 0.5 * self.diameter_m
 
-    def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the height of the underside above the tip [m], inf beside the body."""
-        return _round_underside(self.radius_m, self.radius_m, np.hypot(x, y))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere(_Round):
+    """Ball whose lowest point is the origin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,19 +228,6 @@ def read_mesh_indenter(
         )
     rounded = found.with_edges(edge_m)
     return _bounded(rounded, rounded.surface, -rounded.blunted_m, rounding_m=edge_m)
-
-
-def _round_underside(radius_m: float, fillet_m: float, away_m: FloatArray) -> FloatArray:
-    inside = np.clip(away_m - (radius_m - fillet_m), 0.0, fillet_m)
-    height = fillet_m - np.sqrt(np.maximum(fillet_m**2 - inside**2, 0.0))
-    return np.where(away_m <= radius_m, height, np.inf)
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not value > 0.0:
-        raise ConfigError(
-            f"{name} {value * 1e3:g} mm is not positive", remedy="give a length above 0 mm"
-        )
 
 
 def _check_extents(extents_m: FloatArray, name: str) -> None:

@@ -244,9 +244,7 @@ class Scene:
     @property
     def has_sharp_rim(self) -> bool:
         """A sharp edge presses on the gel: stress is singular there."""
-        from sim.scene.indenter import Cylinder  # noqa: PLC0415 - see above
-
-        return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
+        return getattr(self.indenter, "fillet_m", None) == 0.0
 
     @property
     def is_light(self) -> bool:
@@ -284,11 +282,7 @@ class Scene:
     @property
     def _edge_radius_m(self) -> float:
         """Radius at which a rigid body is rounded where the contact ends [m]; zero if it is not."""
-        from sim.scene.indenter import Cylinder, Sphere  # noqa: PLC0415 - see above
-
-        if isinstance(self.indenter, Cylinder):
-            return self.indenter.fillet_m
-        return self.indenter.radius_m if isinstance(self.indenter, Sphere) else 0.0
+        return float(getattr(self.indenter, "fillet_m", 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

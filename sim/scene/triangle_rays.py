@@ -48,7 +48,6 @@ class DeviceSurface:
     centre: wp.vec3d
     per_size: wp.float64
     half: wp.vec3d  # half the extents of its box
-    first_face: wp.int32  # of the tree's faces, where the arrays hold several surfaces
     rounding: wp.float64  # what lies so far from the triangles counts too [m]
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
@@ -87,7 +86,7 @@ def _lowest_on_faces(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp
     hit = wp.mesh_query_ray(surface.tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
     if not hit.result:
         return BESIDE
-    face = surface.first_face + hit.face
+    face = hit.face
     a = surface.vertices[surface.faces[face, 0]]
     b = surface.vertices[surface.faces[face, 1]]
     c, n = surface.vertices[surface.faces[face, 2]], surface.face_normals[face]
@@ -147,7 +146,7 @@ def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
     """Return the nearest point of a surface, from the face that the tree proposes."""
     scaled = wp.vec3f((p - surface.centre) * surface.per_size)
     query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    best = nearest_on_face(surface, surface.first_face + (query.face if query.result else 0), p)
+    best = nearest_on_face(surface, query.face if query.result else 0, p)
     for _ in range(_MOVES_MAX):
         here = best
         for k in range(3):
@@ -206,16 +205,16 @@ def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
 
 
 @wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d, exact: wp.float64):
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
     """Return the same; far from the surface the distance to its box, which is less.
 
-    It is exact where it is less than ``exact`` [m].
+    It is exact where it is less than the rounding.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
     distance = wp.length(beside) - surface.rounding
     n = beside
-    if distance > exact and distance * surface.per_size > _FAR_SHARE:
+    if distance > surface.rounding and distance * surface.per_size > _FAR_SHARE:
         n = wp.normalize(beside)
     else:
         distance, n = surface_distance(surface, p)

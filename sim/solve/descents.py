@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.contact.contact_kernels import Pressed
 from sim.contact.contact_surface import ContactForces, ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled
@@ -45,8 +46,7 @@ class Inverse(Protocol):
         row_count: Rows of the vectors that it takes and gives, at least the unknowns and the tip.
         scaled: It wants what it takes in units of the residual.
         unit: What it gives must be multiplied with this.
-        weights: What it takes and gives must be multiplied with these, shape [row_count]; None is
-            1.
+        weights: What it takes and gives must be multiplied with these, shape [row_count].
         column_count: Vectors that it takes at once.
     """
 
@@ -84,6 +84,7 @@ class Descents:
         memory: What they remember of their steps.
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
+        pressed: Surfaces, indenters, poses, grip and positions, as contact's kernels take them.
         threads: Of a block that has an environment.
         sources: What the inverse is asked for; ``found`` what it answers.
         places: A launch that gives who asks a column of these; None where each keeps its own.
@@ -95,7 +96,7 @@ class Descents:
         indenter: Indenter | IndenterSet,
         inverse: Inverse,
         *,
-        potentials: Sequence[Potential] = (),
+        potential: Potential | None = None,
         memory: int = 16,
         patience: Sequence[tuple[int, float]] = (),
         count: int = 1,
@@ -114,7 +115,6 @@ class Descents:
         self._gel, self.indenter = gel, indenter
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self.threads = _THREADS if device.is_gpu else 1
-        self.body = body_of(indenter, device=device.name)
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]
         )
@@ -131,6 +131,14 @@ class Descents:
         self.positions = device.zeros((count, nodes), wp.vec3d)
         self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
         self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
+        self.pressed = filled(
+            Pressed,
+            surface=self.surface,
+            bodies=body_of(indenter, device=device.name),
+            poses=self.poses,
+            grip=self.grip,
+            positions=self.positions,
+        )
         self.gel_buffers, self.contact_buffers = (
             model.gel.buffers(count),
             model.surface.buffers(count),
@@ -141,10 +149,6 @@ class Descents:
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
-        ones = np.ones(len(model.pattern.free_dofs) + 1)
-        self._weights = inverse.weights
-        if self._weights is None:
-            self._weights = device.array(ones, wp.float32)
         self._dofs = device.array(model.pattern.free_dofs, wp.int32)
         patience = [*patience, *[(_NEVER, 0.0)] * 3][:3]
         self._limits = filled(
@@ -158,12 +162,12 @@ class Descents:
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
             patience_shares=wp.vec3d(*(share for _, share in patience)),
         )
-        self.replace_potentials(potentials)
+        self.replace_potential(potential)
 
-    def replace_potentials(self, potentials: Sequence[Potential]) -> None:
-        """Take other energies of the nodes from now on."""
-        self._pull = pull_of(potentials, self._device)
-        self._record(pulls=bool(potentials))
+    def replace_potential(self, potential: Potential | None) -> None:
+        """Take another energy of the nodes from now on."""
+        self._pull = pull_of(potential, self._device)
+        self._record(pulls=potential is not None)
 
     def renew_gel(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
@@ -185,8 +189,7 @@ class Descents:
 
     def contact(self) -> ContactForces:
         """Return the contact of the only environment, where it is; its stiffness is exact."""
-        at = [self.surface, self.body, self.poses, self.grip, self.positions]
-        return self.model.surface.forces_of(at, self.indenter)
+        return self.model.surface.forces_of(self.pressed)
 
     def step(self) -> None:
         """Have every environment that runs do its next thing."""
@@ -296,23 +299,22 @@ class Descents:
             for again in (False, True)
         )
         asks = [self.state, evaluated, self.memory, self.sources]
-        self._prepare = recorded(prepare, [self._dofs, scaled, self._weights, *asks])
-        found = [units, self._weights, self.found, *own, evaluated, self.busy]
+        self._prepare = recorded(prepare, [self._dofs, scaled, self._inverse.weights, *asks])
+        found = [units, self._inverse.weights, self.found, *own, evaluated, self.busy]
         self._turn = recorded(turn, [self._limits, self._dofs, scaled, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
-        made, device = surface.kernels(self.indenter), self._device
-        body = self.body
+        made, device = surface.kernels, self._device
         shape = tuple(self.contact_buffers[1].shape)
-        at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]
-        touch = device.record(made.touch, shape, [*at, *self.contact_buffers])
+        given = [self.pressed, self.state.wanted, *self.contact_buffers]
+        touch = device.record(made.touch, shape, given)
         if not self._limits.lags:
             return touch, None
-        held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
+        held = [self.pressed, self.state.holding, self.grip_start]
         room = [*self.contact_buffers[:2], *self.grip_buffers]
-        return touch, device.record(made.hold, shape, [self.surface, body, *held, *room])
+        return touch, device.record(made.hold, shape, [*held, *room])
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""

@@ -24,7 +24,6 @@ steps as soon as the residual is small, and has to stand still at the end. What 
 pressure: points that have come to touch take hold once the steps have ended.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,21 +123,21 @@ class EquilibriumSolver:
         self,
         model: Model,
         indenter: Indenter,
-        potentials: Sequence[Potential] = (),
+        potential: Potential | None = None,
         *,
         reuse: Reuse | None = None,
     ) -> None:
         if reuse is None:
             reuse = LARGE if model.pattern.dof_count >= _LARGE_FROM else Reuse()
         self.model, self.indenter, self.reuse = model, indenter, reuse
-        self.factor = StiffnessFactor(model, indenter, potentials)
+        self.factor = StiffnessFactor(model, indenter, potential)
         self.energies_j: list[float] = []
-        self._potentials = potentials
+        self._potential = potential
         self._descents = Descents(
             model,
             indenter,
             self.factor,
-            potentials=potentials,
+            potential=potential,
             memory=self.reuse.memory,
             patience=self.reuse.patience,
         )
@@ -151,10 +150,10 @@ class EquilibriumSolver:
         """Of the forces, made so far."""
         return int(self._descents.get("evaluations")[0])
 
-    def replace_potentials(self, potentials: Sequence[Potential]) -> None:
-        """Take other energies of the nodes from now on."""
-        self._potentials = self.factor.potentials = potentials
-        self._descents.replace_potentials(potentials)
+    def replace_potential(self, potential: Potential | None) -> None:
+        """Take another energy of the nodes from now on."""
+        self._potential = self.factor.potential = potential
+        self._descents.replace_potential(potential)
 
     def settle(
         self,
@@ -245,10 +244,11 @@ class EquilibriumSolver:
         )
 
     def energy_j(self, state: State) -> float:
-        """Return a state's energy, of gel, contact and potentials [J]."""
+        """Return a state's energy, of gel, contact and potential [J]."""
         elastic, _ = self.model.gel.energy(state.positions)
         stored = self.model.surface.energy(state.positions, self.indenter, state)
-        return elastic + stored + sum(each.energy(state.positions) for each in self._potentials)
+        more = 0.0 if self._potential is None else self._potential.energy(state.positions)
+        return elastic + stored + more
 
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""

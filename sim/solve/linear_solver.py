@@ -11,7 +11,7 @@ import importlib
 import logging
 import os
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.contact.contact_surface import State
-from sim.device import on_host
+from sim.device import Device, on_host
 from sim.mesh.discretisation import SparsePattern
 from sim.scene.indenter import Indenter
 from sim.solve.model import Model
@@ -239,12 +239,12 @@ class StiffnessFactor:
         held: The indenter is; else its height is the last unknown.
     """
 
-    kind, scaled, unit, weights, column_count = wp.float64, False, 1.0, None, 1
+    kind, scaled, unit, column_count = wp.float64, False, 1.0, 1
 
     def __init__(
-        self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
+        self, model: Model, indenter: Indenter, potential: Potential | None = None
     ) -> None:
-        self._model, self._indenter, self.potentials = model, indenter, potentials
+        self._model, self._indenter, self.potential = model, indenter, potential
         self._quick: LinearSolver = linear_solver(model.pattern)
         self._exact: LinearSolver | None = None
         self._solver = self._quick
@@ -254,6 +254,7 @@ class StiffnessFactor:
         self._least = _HELD * model.young_pa * model.height_m
         self.made, self.attempt, self.held = 0, 0, True
         self.row_count = model.pattern.dof_count + 1
+        self.weights = Device(model.device).array(np.ones(self.row_count), wp.float32)
 
     @property
     def name(self) -> str:
@@ -275,8 +276,9 @@ class StiffnessFactor:
             shift = _SHIFTS[max(0, attempt - 2)]
             if shift > 0.0:
                 data = data + shift * model.rest_hessian_data()
-            for potential in self.potentials:
-                data[model.pattern.indptr[:-1]] += model.pattern.unknowns(potential.diagonal())
+            if self.potential is not None:
+                added = model.pattern.unknowns(self.potential.diagonal())
+                data[model.pattern.indptr[:-1]] += added
             self._solver = self._quick if attempt < 2 else self._in_double_precision()
             self.made += 1
             try:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -40,7 +40,7 @@ _EXACT_SHARE, _TRIES = 2.5e-10, 100
 
 
 def unloaded_positions(
-    model: Model, *, options: SolverOptions, potentials: Sequence[Potential] = ()
+    model: Model, *, options: SolverOptions, potential: Potential | None = None
 ) -> FloatArray:
     """Return the nodes at equilibrium without an indenter [m], shape [node_count, 3].
 
@@ -50,11 +50,11 @@ def unloaded_positions(
         ConvergenceError: No equilibrium was found.
     """
     stress = model.law.rest_stress(model.young_pa, model.poisson)
-    if stress == 0.0 and not potentials:
+    if stress == 0.0 and potential is None:
         return model.nodes
     high = _CLEARANCE_HEIGHTS * float(model.nodes[:, 2].max())
     state = model.rest_state(tip=np.array([0.0, 0.0, high]))
-    EquilibriumSolver(model, Plane(), potentials).settle(state, options=options)
+    EquilibriumSolver(model, Plane(), potential).settle(state, options=options)
     return state.positions
 
 
@@ -125,7 +125,7 @@ class LoadingPath(Stepping):
         started = time.perf_counter()
         Stepping.__post_init__(self)
         self.unloaded = unloaded_positions(
-            self.model, options=self.options, potentials=self.potentials
+            self.model, options=self.options, potential=self.potential
         )
         for memory in self.memories:
             memory.forget(self.unloaded)
@@ -142,18 +142,13 @@ class LoadingPath(Stepping):
         )
         self.setup_s = time.perf_counter() - started
 
-    @property
-    def points(self) -> Sequence[PathPoint]:
-        """The equilibria so far: all, or the last ones."""
-        return tuple(self.known)
-
     def stiffer(self, factor: float) -> LoadingPath:
         """Return the same path, at its start, in a gel that is so many times as stiff.
 
         Raises:
             ConfigError: Weight, mass or relaxation is modelled: they do not scale with stiffness.
         """
-        if self.potentials or self.memories:
+        if self.potential is not None or self.memories:
             raise ConfigError(
                 "a gel with weight, mass or relaxation goes another way if it is stiffer",
                 remedy="press the stiffer gel from the start",
@@ -303,10 +298,9 @@ class LoadingPath(Stepping):
 
     def body_force_n(self, point: PathPoint) -> FloatArray:
         """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""
-        free = ~self.model.clamped
-        part = np.zeros(3)
-        for potential in self.potentials:
-            part += potential.gradient(point.state.positions)[free].sum(axis=0)
+        if self.potential is None:
+            return np.zeros(3)
+        part = self.potential.gradient(point.state.positions)[~self.model.clamped].sum(axis=0)
         return self.model.mesh.symmetry.whole_force(part)
 
     def _pressed(self, what: str) -> PathPoint:

@@ -15,8 +15,8 @@ Rock, Zienkiewicz 1976), which is positive.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,17 +31,18 @@ from tacauchy_rig.core.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Potential:
-    """k |x - x0|^2 / 2 - F . (x - x0), summed over the nodes."""
+    """k |x - x0|^2 / 2 - F . (x - X), summed over the nodes."""
 
     stiffness_n_m: FloatArray  # k, shape [node_count]
-    force_n: FloatArray  # f, shape [node_count, 3]
     towards_m: FloatArray  # x0, shape [node_count, 3]
+    force_n: FloatArray  # F, shape [node_count, 3]
+    rest_m: FloatArray  # X, shape [node_count, 3]
 
     def energy(self, positions: FloatArray) -> float:
         """Return the energy at nodal positions [m], shape [node_count, 3]; [J]."""
         away = positions - self.towards_m
-        drawn = 0.5 * self.stiffness_n_m[:, None] * away - self.force_n
-        return float(np.sum(drawn * away))
+        drawn = 0.5 * self.stiffness_n_m[:, None] * away**2
+        return float(np.sum(drawn - self.force_n * (positions - self.rest_m)))
 
     def gradient(self, positions: FloatArray) -> FloatArray:
         """Return its gradient [N], shape [node_count, 3]."""
@@ -53,19 +54,15 @@ class Potential:
         return np.tile(self.stiffness_n_m[:, None], (1, 3))
 
 
-def pull_of(potentials: Sequence[Potential], device: Device) -> Any:
-    """Return the sum of energies for the kernels; one of them at most is stiff."""
-    if not potentials:
+def pull_of(potential: Potential | None, device: Device) -> Any:
+    """Return it for the kernels."""
+    if potential is None:
         return device.zeroed(Pull, (1,))
-    (stiff,) = [each for each in potentials if each.stiffness_n_m.any()] or potentials[:1]
-    forced = [each for each in potentials if each.force_n.any()] or [stiff]
-    (rest,) = {id(each.towards_m): each.towards_m for each in forced}.values()
-    force = np.sum([each.force_n for each in forced], axis=0)
     parts = {
-        "stiffness": stiff.diagonal(),
-        "towards": stiff.towards_m,
-        "force": force,
-        "rest": rest,
+        "stiffness": potential.diagonal(),
+        "towards": potential.towards_m,
+        "force": potential.force_n,
+        "rest": potential.rest_m,
     }
     return device.tables(Pull, {name: each.reshape(-1) for name, each in parts.items()})
 
@@ -107,8 +104,9 @@ def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
     masses = nodal_masses(model, density_kg_m3, WEIGHT)
     return Potential(
         stiffness_n_m=np.zeros(len(masses)),
-        force_n=np.outer(masses, (0.0, 0.0, -STANDARD_M_S2)),
         towards_m=model.nodes,
+        force_n=np.outer(masses, (0.0, 0.0, -STANDARD_M_S2)),
+        rest_m=model.nodes,
     )
 
 
@@ -122,7 +120,6 @@ class Inertia:
     Attributes:
         masses_kg: Of the modelled part, lumped, shape [node_count].
         velocities_m_s: Shape [node_count, 3].
-        flight: What pulls the nodes to where they would fly; empty in a step that lasts for ever.
     """
 
     def __init__(
@@ -130,7 +127,6 @@ class Inertia:
     ) -> None:
         self.masses_kg = nodal_masses(model, density_kg_m3, INERTIA)
         self.step_max_s, self._step_s = step_max_s, math.inf
-        self.flight: tuple[Potential, ...] = ()
         self.forget(model.nodes)
 
     def forget(self, positions: FloatArray) -> None:
@@ -143,13 +139,18 @@ class Inertia:
         Args:
             step_s: Above 0 s, to inf, for ever.
         """
-        self._step_s, self.flight = step_s, ()
-        if math.isfinite(step_s):
-            flown = self._positions + step_s * self.velocities_m_s
-            stiffness = self.masses_kg / step_s**2
-            self.flight = (
-                Potential(stiffness_n_m=stiffness, force_n=np.zeros_like(flown), towards_m=flown),
-            )
+        self._step_s = step_s
+
+    def flight(self, others: Potential | None) -> Potential | None:
+        """Return other energies, and what pulls the nodes to where they would fly in the step."""
+        if not math.isfinite(self._step_s):
+            return others
+        flown = self._positions + self._step_s * self.velocities_m_s
+        stiffness = self.masses_kg / self._step_s**2
+        if others is not None:
+            return replace(others, stiffness_n_m=stiffness, towards_m=flown)
+        still = np.zeros_like(flown)
+        return Potential(stiffness_n_m=stiffness, towards_m=flown, force_n=still, rest_m=flown)
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""

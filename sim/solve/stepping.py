@@ -8,7 +8,6 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,7 +152,7 @@ class Stepping:
         centre_m: Where its tip comes down, x and y [m].
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
-        potentials: Further energies of the nodes besides inertia, such as weight.
+        potential: Further energy of the nodes besides inertia, such as weight.
         inertia: Mass of the nodes, for a path in time.
         reuse: What the solver keeps from step to step; None is what the size calls for.
         keeps_all: Keep every equilibrium, not the last ones only.
@@ -165,7 +164,7 @@ class Stepping:
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     step_max_m: float = 0.0
     options: SolverOptions = field(default_factory=SolverOptions)
-    potentials: Sequence[Potential] = ()
+    potential: Potential | None = None
     inertia: Inertia | None = None
     reuse: Reuse | None = None
     keeps_all: bool = False
@@ -178,7 +177,7 @@ class Stepping:
     # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
     history: list[tuple[float, float]] = field(init=False, default_factory=list)
     # The last of these equilibria; all of them if ``keeps_all``.
-    known: deque[PathPoint] = field(init=False)
+    points: deque[PathPoint] = field(init=False)
     # Points of the phases of one direction, with their places along it.
     _alike: deque[tuple[float, PathPoint]] = field(
         init=False, default_factory=lambda: deque(maxlen=_REMEMBERED)
@@ -188,10 +187,8 @@ class Stepping:
     def __post_init__(self) -> None:
         if self.step_max_m == 0.0:
             self.step_max_m = STEP_SHARE * self.model.height_m
-        self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
-        self.solver = EquilibriumSolver(
-            self.model, self.indenter, self.potentials, reuse=self.reuse
-        )
+        self.points = deque(maxlen=None if self.keeps_all else _REMEMBERED)
+        self.solver = EquilibriumSolver(self.model, self.indenter, self.potential, reuse=self.reuse)
 
     @property
     def blunted_m(self) -> float:
@@ -214,12 +211,12 @@ class Stepping:
         for memory in self.memories:
             memory.begin_step(math.inf if duration_s is None else duration_s)
         if self.inertia is not None:
-            self.solver.replace_potentials((*self.potentials, *self.inertia.flight))
+            self.solver.replace_potential(self.inertia.flight(self.potential))
 
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
-        self.known.append(point)
+        self.points.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
         for memory in self.memories:
             memory.commit(point.state.positions)
@@ -396,7 +393,7 @@ class Stepping:
         held = phase.load_at(phase.end) is None
         known = [
             (each.depth_m if held else float(each.force_n[2]), each)
-            for each in self.known
+            for each in self.points
             if np.array_equal(each.state.tip[:2], point.state.tip[:2])
             and np.array_equal(each.state.rotation, point.state.rotation)
         ]

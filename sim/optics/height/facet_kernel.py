@@ -6,11 +6,9 @@ it, so neighbours meet with one slope. Reference: Clough and Tocher 1965; Lai an
 Functions on Triangulations, 2007, section 6.3. Quadratic surfaces are reproduced exactly.
 """
 
-from typing import Any
-
 import warp as wp
 
-from sim.contact.indenter_distance import Poses
+from sim.contact.indenter_distance import Body, Poses
 from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part, underside
 from sim.scene.triangle_rays import BESIDE
 
@@ -212,7 +210,7 @@ def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int)
 def bound_heights(
     gel: Gel,
     view: View,
-    body: Any,
+    bodies: wp.array(dtype=Body),
     poses: Poses,
     # Data in:
     canvas: Canvas,
@@ -228,7 +226,7 @@ def bound_heights(
     if height >= BARE_M:
         height = _nearest_height(view, canvas, env, row, column)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
-    ceiling = underside(body, poses, gel.standoff, env, place[0], place[1])
+    ceiling = underside(bodies, poses, gel.standoff, env, place[0], place[1])
     if ceiling < BESIDE and not wp.isnan(height):
         height = wp.where(
             canvas.pressed[env, pixel] == wp.uint8(1), ceiling, wp.min(height, ceiling)

@@ -24,13 +24,13 @@ import warp as wp
 from scipy import sparse
 from scipy.interpolate import CubicSpline
 
-from sim.contact.indenter_distance import Poses, body_of, poses_at, uploaded_surface
+from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.press_fields import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 from sim.optics.height import node_kernel as kernels
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
-from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, grown
+from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
@@ -145,11 +145,7 @@ class SurfaceHeights:
             bound = replace(indenter, bodies=bodies, rounding_m=rounding_m)
         else:
             bound = grown(indenter, standoff_m)
-            bodies = (bound,)
         self._body = body_of(bound, device=device)
-        # Kernels find a mesh by the place of its tree, which must live as long.
-        meshes = [body for body in bodies if isinstance(body, MeshIndenter)]
-        self._kept = [uploaded_surface(body, device) for body in meshes]
         self._is_quadratic = top.faces.shape[1] == 6
         # What each node lies below the pad's top at rest: edges are chords of a dome.
         lifts = np.zeros(len(top.rest))

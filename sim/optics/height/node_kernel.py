@@ -4,12 +4,10 @@ Every kernel's first index is the environment. A part is a face, or one of the s
 face; which of them there are, ``steep`` says.
 """
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
-from sim.contact.indenter_distance import AnyBody, Body, MeshBody, Poses, body_of, posed, poses_at
+from sim.contact.indenter_distance import Body, Poses, body_of, posed, poses_at
 from sim.device import Device
 from sim.fields.press_fields import SurfaceState
 from sim.scene.triangle_rays import BESIDE, lowest_height
@@ -20,8 +18,10 @@ _SETTLED_M = wp.constant(wp.float64(1.0e-12))
 
 
 @wp.func
-def _lowest(body: Body, x: wp.float64, y: wp.float64):
+def _lowest(body: Body, x: wp.float64, y: wp.float64) -> wp.float64:
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
+    if body.is_mesh:
+        return lowest_height(body.surface, x, y)
     zero = wp.float64(0.0)
     away = x * x + y * y
     radius = wp.sqrt(away)
@@ -31,25 +31,15 @@ def _lowest(body: Body, x: wp.float64, y: wp.float64):
     return wp.where(radius > body.radius, BESIDE, body.fillet - arc)
 
 
-@wp.func  # type: ignore[no-redef]
-def _lowest(body: MeshBody, x: wp.float64, y: wp.float64):
-    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
-    return lowest_height(body.surface, x, y)
-
-
-@wp.func  # type: ignore[no-redef]
-def _lowest(body: AnyBody, x: wp.float64, y: wp.float64):
-    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
-    lowest = wp.float64(0.0)
-    if body.is_mesh:
-        lowest = lowest_height(body.mesh.surface, x, y)
-    else:
-        lowest = _lowest(body.analytic, x, y)
-    return lowest
-
-
 @wp.func
-def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float64, y: wp.float64):
+def underside(
+    bodies: wp.array(dtype=Body),
+    poses: Poses,
+    away_m: wp.float64,
+    env: int,
+    x: wp.float64,
+    y: wp.float64,
+):
     """Return the height of an environment's indenter over the pad [m], ``BESIDE`` beside it.
 
     The body is larger than the indenter by ``away_m``, and its tip lies lower by as much.
@@ -57,7 +47,7 @@ def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float
     A tilted indenter is solved for by fixed-point iteration along z, which contracts while tilt
     times slope stays below one; the flanks of a tilted cylinder do not count as underside.
     """
-    here = posed(body, poses, env)
+    here = posed(bodies, poses, env)
     R = poses.rotations[env]
     tip = poses.tips[env]
     dx = x - (tip[0] - away_m * R[0, 2])
@@ -81,7 +71,7 @@ def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float
 
 @wp.kernel(enable_backward=False, module="unique")
 def _undersides(
-    body: Any,
+    bodies: wp.array(dtype=Body),
     poses: Poses,
     # Data in:
     places: wp.array(dtype=wp.vec2d),
@@ -90,7 +80,7 @@ def _undersides(
 ):
     """Find the underside over places."""
     i = wp.tid()
-    height_out[i] = underside(body, poses, wp.float64(0.0), 0, places[i][0], places[i][1])
+    height_out[i] = underside(bodies, poses, wp.float64(0.0), 0, places[i][0], places[i][1])
 
 
 def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -280,7 +270,7 @@ def add_nodes(gel: Gel, canvas: Canvas):
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def close_gaps(gel: Gel, body: Any, poses: Poses, canvas: Canvas):
+def close_gaps(gel: Gel, bodies: wp.array(dtype=Body), poses: Poses, canvas: Canvas):
     """Lift nodes that touch onto the indenter; say which do, and its slope there."""
     env, i = wp.tid()
     added = i - gel.sources.shape[0]
@@ -289,13 +279,13 @@ def close_gaps(gel: Gel, body: Any, poses: Poses, canvas: Canvas):
     x = canvas.nodes[env, i]
     step = _SLOPE_STEP_M
     state = 0
-    ceiling = underside(body, poses, gel.standoff, env, x[0], x[1])
+    ceiling = underside(bodies, poses, gel.standoff, env, x[0], x[1])
     if ceiling < BESIDE:
         state = COVERED
-    right = underside(body, poses, gel.standoff, env, x[0] + step, x[1])
-    left = underside(body, poses, gel.standoff, env, x[0] - step, x[1])
-    ahead = underside(body, poses, gel.standoff, env, x[0], x[1] + step)
-    behind = underside(body, poses, gel.standoff, env, x[0], x[1] - step)
+    right = underside(bodies, poses, gel.standoff, env, x[0] + step, x[1])
+    left = underside(bodies, poses, gel.standoff, env, x[0] - step, x[1])
+    ahead = underside(bodies, poses, gel.standoff, env, x[0], x[1] + step)
+    behind = underside(bodies, poses, gel.standoff, env, x[0], x[1] - step)
     slope = wp.vec2d()
     if wp.max(wp.max(right, left), wp.max(ahead, behind)) < BESIDE:
         slope = wp.vec2d(right - left, ahead - behind) / (wp.float64(2.0) * step)

@@ -28,11 +28,12 @@ _NEAREST = 24  # facets that are tried first for a point
 _TOLERANCE = 1e-6
 
 
-class MaterialPoints:
-    """Points of a gel's surface, on one device, in as many environments as there are positions.
+class SeenPoints:
+    """Points of a gel's surface as a camera sees them, in many environments on one device.
 
     Args:
         points: x, y at rest [m], shape [n, 2].
+        count: Environments.
         beside: Points beside the surface move with its border; otherwise they are refused.
     """
 
@@ -40,31 +41,41 @@ class MaterialPoints:
         self,
         top: TopSurface,
         points: FloatArray,
+        geometry: CameraGeometry,
         *,
         count: int = 1,
         device: str = "cpu",
         beside: bool = False,
     ) -> None:
-        self._device = Device(device)
+        self._device = on = Device(device)
         facets = linear_facets(top.faces)
         chosen, weights = _cover(top.rest[facets][..., :2], points, beside=beside)
-        corners, array = facets[chosen], self._device.array
+        corners = facets[chosen]
         self._tables = [
-            array(top.sources[corners], wp.int32),
-            array(top.signs[corners], wp.vec3d),
-            array(top.rest[corners], wp.vec3d),
-            array(weights, wp.vec3d),
+            on.array(top.sources[corners], wp.int32),
+            on.array(top.signs[corners], wp.vec3d),
+            on.array(top.rest[corners], wp.vec3d),
+            on.array(weights, wp.vec3d),
         ]
-        self._moved: Any = self._device.zeros((count, len(points)), wp.vec3d)
+        self._rest_px: Any = on.array(geometry.to_pixels(points), wp.vec2d)
+        self._view = filled(
+            Projection,
+            back=wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1)),
+            middle=wp.vec2d(0.5 * (geometry.width - 1), 0.5 * (geometry.height - 1)),
+            per_distance=1.0 / geometry.distance_m,
+        )
+        self._moved: Any = on.zeros((count, len(points)), wp.vec3d)
+        self._seen: Any = on.zeros((count, len(points), 2), wp.float32)
 
-    def displacement(self, positions: Any) -> Any:
-        """Return the points' displacement [m], vec3d, shape [count, n], as a model's nodes moved.
+    def pixels(self, positions: Any) -> Any:
+        """Return columns and rows [px], Warp float32, shape [count, n, 2].
 
-        Positions [m] are vec3d, of shape [count, node_count], on the device.
+        Positions of a model's nodes [m] are vec3d, of shape [count, node_count], on the device.
         """
-        taken = [*self._tables, positions]
-        self._device.launch(carry_points, self._moved.shape, taken, [self._moved])
-        return self._moved
+        launch, shape = self._device.launch, self._moved.shape
+        launch(carry_points, shape, [*self._tables, positions], [self._moved])
+        launch(see_points, shape, [self._view, self._rest_px, self._moved], [self._seen])
+        return self._seen
 
 
 def _cover(corners: FloatArray, points: FloatArray, *, beside: bool) -> tuple[IntArray, FloatArray]:
@@ -112,32 +123,10 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
     Raises:
         ConfigError: A point lies beside the surface.
     """
-    positions = Device("cpu").array(surface.positions[None], wp.vec3d)
-    found = MaterialPoints(surface.top, points).displacement(positions)
-    return np.asarray(found.numpy()[0])
-
-
-class SeenPoints(MaterialPoints):
-    """Points of a gel's surface as a camera sees them; further arguments as ``MaterialPoints``."""
-
-    def __init__(
-        self, top: TopSurface, points: FloatArray, geometry: CameraGeometry, **further: Any
-    ) -> None:
-        super().__init__(top, points, **further)
-        self._rest_px: Any = self._device.array(geometry.to_pixels(points), wp.vec2d)
-        self._view = filled(
-            Projection,
-            back=wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1)),
-            middle=wp.vec2d(0.5 * (geometry.width - 1), 0.5 * (geometry.height - 1)),
-            per_distance=1.0 / geometry.distance_m,
-        )
-        self._seen: Any = self._device.zeros((*self._moved.shape, 2), wp.float32)
-
-    def pixels(self, positions: Any) -> Any:
-        """Return columns and rows [px], Warp float32, shape [count, n, 2], of nodes' positions."""
-        taken = [self._view, self._rest_px, self.displacement(positions)]
-        self._device.launch(see_points, self._moved.shape, taken, [self._seen])
-        return self._seen
+    facets = linear_facets(surface.faces)
+    chosen, weights = _cover(surface.positions_rest[facets][..., :2], points, beside=False)
+    moved = (surface.positions - surface.positions_rest)[facets[chosen]]
+    return np.asarray(np.einsum("nc,nci->ni", weights, moved))
 
 
 def seen_motion(surface: SurfaceState, places: FloatArray, geometry: CameraGeometry) -> FloatArray:

@@ -199,7 +199,7 @@ def energy_j(path: LoadingPath, inertia: Inertia) -> float:
     squares = np.sum(inertia.velocities_m_s**2, axis=1)
     energy = path.model.gel.energy(state.positions)[0]
     energy += path.model.surface.energy(state.positions, path.indenter, state)
-    energy += sum(each.energy(state.positions) for each in path.potentials)
+    energy += 0.0 if path.potential is None else path.potential.energy(state.positions)
     return path.model.mesh.symmetry.copies * (energy + 0.5 * float(inertia.masses_kg @ squares))
 
 

@@ -10,7 +10,7 @@ from sim.batch.contact_inverse import ContactInverse
 from sim.batch.rest_inverse import DenseRest, inverted
 from sim.batch.sensor_model import sensor_model
 from sim.batch.sweep_kernels import pack
-from sim.contact.indenter_distance import AnyBody, Poses, body_of, nearby_gap, posed, poses_at
+from sim.contact.indenter_distance import Body, Poses, body_of, nearby_gap, posed, poses_at
 from sim.device import Device
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, Sphere, tilted
 from sim.solve.descent_state import Act
@@ -148,13 +148,13 @@ def test_the_corrected_inverse_is_that_of_gel_and_contact(friction: float, pushe
 
 @wp.kernel(enable_backward=False)
 def _gaps_at(
-    body: AnyBody,
+    bodies: wp.array(dtype=Body),
     poses: Poses,
     places: wp.array(dtype=wp.vec3d),
     gap_out: wp.array2d(dtype=wp.float64),
 ):
     b, i = wp.tid()
-    gap, _n = nearby_gap(posed(body, poses, b), places[i])
+    gap, _n = nearby_gap(posed(bodies, poses, b), places[i])
     gap_out[b, i] = gap
 
 

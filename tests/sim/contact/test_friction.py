@@ -116,12 +116,11 @@ def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None
     lagged = state.grip
     state.tip = state.tip - [0.0, 0.0, 0.3 * BARRIER_M]
     device = Device("cpu")
-    grip, start = surface.grip_arrays(lagged), surface.grip_arrays(lagged)
-    inputs = [*surface._model(indenter, state), device.array([2], wp.int32)]
+    pressed = surface.pressed(state.positions, indenter, state)
+    inputs = [pressed, device.array([2], wp.int32), surface.grip_arrays(lagged)]
     room = [*surface.buffers(1)[:2], *(surface._points(wp.float64) for _ in range(2))]
-    places = [*inputs, *surface._at(state.positions, state), start, grip]
-    device.launch(surface.kernels(indenter).hold, (1, *surface.areas.shape), places, room)
-    halved = surface.grip_of(grip)
+    device.launch(surface.kernels.hold, (1, *surface.areas.shape), inputs, room)
+    halved = surface.grip_of(pressed.grip)
     surface.refresh_grip(indenter, state)
     assert lagged is not None
     assert halved is not None
@@ -139,23 +138,18 @@ def test_points_held_anew_leave_what_an_evaluation_would_find(model: Model) -> N
     state.tip = state.tip - [0.0, 0.0, 0.3 * BARRIER_M]
     state.positions = state.positions + 0.4 * SLIP_M * WAY
     device, shape = Device("cpu"), (1, *surface.areas.shape)
-    inputs = [*surface._model(indenter, state), device.array([1], wp.int32)]
-    poses, at = surface._at(state.positions, state)
+    inputs = [surface.pressed(state.positions, indenter, state), device.array([1], wp.int32)]
 
-    def touched(grip: Any) -> tuple[Any, ...]:
+    def touched() -> tuple[Any, ...]:
         room = surface.buffers(1)
-        device.launch(
-            surface.kernels(indenter).touch, shape, [*inputs, poses, grip, at], list(room)
-        )
+        device.launch(surface.kernels.touch, shape, inputs, list(room))
         return room
 
-    grip = surface.grip_arrays(state.grip)
-    before = touched(grip)
+    before = touched()
     forces, energies = (each.numpy().copy() for each in before[:2])
     changes = [surface._points(wp.float64) for _ in range(2)]
-    held = [*inputs, poses, at, start, grip]
-    device.launch(surface.kernels(indenter).hold, shape, held, [*before[:2], *changes])
-    anew = touched(grip)
+    device.launch(surface.kernels.hold, shape, [*inputs, start], [*before[:2], *changes])
+    anew = touched()
     for was, corrected, wanted in zip((forces, energies), before, anew, strict=False):
         size = np.abs(wanted.numpy()).max()
         assert np.abs(wanted.numpy() - was).max() > 1e-2 * size

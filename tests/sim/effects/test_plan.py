@@ -186,9 +186,9 @@ def test_what_is_off_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction, relaxation and their memory exist only in a press that has them."""
     asked: set[bool] = set()
 
-    def noted(kind: object, *, grips: bool) -> object:
+    def noted(*, grips: bool) -> object:
         asked.add(grips)
-        return contact_kernels(kind, grips=grips)
+        return contact_kernels(grips=grips)
 
     plan_effects(RUBBED)  # its trials rub; a plan is remembered, so that the press asks for its own
     monkeypatch.setattr(contact_surface, "contact_kernels", noted)

@@ -11,13 +11,7 @@ import scipy.sparse.linalg
 from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state, trial_fields
-from sim.fields.stress import (
-    InterfaceTraction,
-    StressOnSides,
-    cauchy_stress,
-    interface_traction,
-    nodal_forces,
-)
+from sim.fields.stress import InterfaceTraction, StressOnSides, cauchy_stress, interface_traction
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.discretisation import assembled
@@ -31,7 +25,7 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies.verification.balance import forces_n, smooth_sides
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray
 
 
 def test_even_strain_gives_even_stress_without_an_error(
@@ -144,6 +138,23 @@ def recovered_tractions(
     below = nodal_forces(model, positions, interface.below)[nodes]
     above = nodal_forces(model, positions, ~interface.below)[nodes]
     return traction(below), traction(-above)
+
+
+def nodal_forces(model: Model, positions: FloatArray, chosen: BoolArray) -> FloatArray:
+    """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
+
+    An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.
+    """
+    nodes = model.elements[chosen]
+    deformed = np.einsum("enx,qny->eqxy", positions[nodes], model.reference.gradients)
+    inverse = np.swapaxes(np.linalg.inv(deformed), 2, 3)
+    cofactors = np.linalg.det(deformed)[..., None, None] * inverse
+    shares = model.reference.weights[:, None, None]
+    weighted = model.gel.cauchy_stress(positions)[chosen] * shares / 6.0
+    forces = np.einsum("eqik,qnk->eni", weighted @ cofactors, model.reference.gradients)
+    total = np.zeros_like(positions)
+    np.add.at(total, nodes, forces)
+    return total
 
 
 def layered_press(model: Model) -> tuple[InterfaceTraction, StressOnSides, float, float, float]:
