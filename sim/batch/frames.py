@@ -24,6 +24,7 @@ class Frames:
         longest_m: Way of an environment's indenter in one part of a frame, of its tip or of a point
             ``arm_m`` from it, shape [count].
         bias: Of the mesh, by which loads are corrected.
+        form: What ``pressure_form`` returns.
         enough: Residual over the contact force at a frame's end, and before.
         halvings_max: Of a frame's parts, where descents do not arrive.
         accepts_residual: A descent that ran out of steps counts as arrived.
@@ -44,6 +45,7 @@ class Frames:
         longest_m: FloatArray,
         arm_m: float,
         bias: ForceBias,
+        form: FloatArray,
         floor_n: float,
         enough: tuple[float, float],
         halvings_max: int,
@@ -60,9 +62,10 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        biased = [floor_n, *(device.array(each, wp.float64) for each in bias[:4])]
-        biased.append(device.array(bias.by_force, wp.vec4d))
-        self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
+        kinds = (wp.vec3d, wp.vec4d, wp.vec3d)
+        biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
+        ending, formed = [accepts_residual, halvings_max], device.array(form, wp.float64)
+        self._begin, self._end = self._recorded(arm_m, biased, ending, formed)
 
     def go(self) -> None:
         """Take who moves to the goals, in more and more parts where descents do not arrive."""
@@ -129,7 +132,7 @@ class Frames:
         return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
     def _recorded(
-        self, arm_m: float, biased: list[Any], ending: list[Any]
+        self, arm_m: float, biased: list[Any], ending: list[Any], form: Any
     ) -> tuple[list[Any], list[Any]]:
         """Record what begins a part, and what ends one."""
         descents, history, record = self._descents, self._history, self._device.record
@@ -143,10 +146,11 @@ class Frames:
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
         at = [descents.surface, descents.body, history.arrives, poses]
+        felt = [*at[:2], form, *at[2:]]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*at, grip, descents.positions, history.touched]),
+            record(made.wrench, points, [*felt, grip, descents.positions, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

@@ -275,8 +275,8 @@ class ContactKernels:
     hold: Any
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
-    # Adds force [N] and moment about the tip [N m] on the indenter, and what touches of the area at
-    # rest [m^2], all summed up
+    # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
+    # rest [m^2], and a quadratic form of every face's pressures [N^2/m^2], all summed up
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -501,6 +501,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # Model:
         surface: TouchedSurface,
         body: Any,
+        form: wp.array2d(dtype=wp.float64),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
@@ -522,6 +523,16 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 area = surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
                 area = repeatable(area, surface.shift / surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
+                formed = wp.float64(0.0)
+                for r in range(surface.areas.shape[1]):
+                    there, _n = gap_of(here, surface_point(surface, positions[b], f, r))
+                    if there < surface.distance:
+                        s = there / surface.distance
+                        _density, pressed, _change = normal_contact(surface, b, s)
+                        formed += form[q, r] * pressed
+                formed = surface.areas[f, q] * slope * formed
+                formed = repeatable(formed, surface.shift * surface.young[b])
+                wp.atomic_add(wrench_out, b, 7, formed)
             if wp.static(grips):
                 _more, along = held_back(surface, here, grip, b, f, q, x)
                 v += along
