@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.batch import frame_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
-from sim.batch.sensor_model import ForceBias, bias_of, edge_of, pressure_form, sharp, stiffness_of
+from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp, stiffness_of
 from sim.contact.contact_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
@@ -153,8 +153,8 @@ class Batch:
         longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        own_bias = bias_of(model, self.count) if bias is None else bias.of(which)
-        self._bias, self._floor_n = own_bias, floor_n
+        self._bias = bias_of(model).of([0] * self.count) if bias is None else bias.of(which)
+        self._floor_n = floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
@@ -317,7 +317,6 @@ class Batch:
                 longest_m=self._step_m,
                 arm_m=_ARM_SHARE * self.model.height_m,
                 bias=self._bias,
-                form=pressure_form(self.model),
                 floor_n=self._floor_n,
                 enough=(enough, max(enough, _INTERMEDIATE)),
                 halvings_max=options.halvings_max,

@@ -270,7 +270,7 @@ def note(
     floor: wp.float64,
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
-    left: wp.array(dtype=wp.vec3d),
+    left: wp.array(dtype=wp.vec2d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -312,8 +312,7 @@ def note(
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] / (wp.float64(1.0) + own)
-                terms[2] = wp.abs(terms[2])
-                found.error[f, b] = wp.dot(left[b], terms)
+                found.error[f, b] = left[b][0] + left[b][1] * terms[1]
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch import frame_kernels as kernels
-from sim.batch.sensor_model import ForceBias
+from sim.batch.sensor_model import ForceBias, pressure_form
 from sim.device import Device
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
@@ -24,7 +24,6 @@ class Frames:
         longest_m: Way of an environment's indenter in one part of a frame, of its tip or of a point
             ``arm_m`` from it, shape [count].
         bias: Of the mesh, by which loads are corrected.
-        form: What ``pressure_form`` returns.
         enough: Residual over the contact force at a frame's end, and before.
         halvings_max: Of a frame's parts, where descents do not arrive.
         accepts_residual: A descent that ran out of steps counts as arrived.
@@ -45,7 +44,6 @@ class Frames:
         longest_m: FloatArray,
         arm_m: float,
         bias: ForceBias,
-        form: FloatArray,
         floor_n: float,
         enough: tuple[float, float],
         halvings_max: int,
@@ -62,10 +60,9 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        kinds = (wp.vec3d, wp.vec4d, wp.vec3d)
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
         biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
-        ending, formed = [accepts_residual, halvings_max], device.array(form, wp.float64)
-        self._begin, self._end = self._recorded(arm_m, biased, ending, formed)
+        self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
 
     def go(self) -> None:
         """Take who moves to the goals, in more and more parts where descents do not arrive."""
@@ -132,7 +129,7 @@ class Frames:
         return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
     def _recorded(
-        self, arm_m: float, biased: list[Any], ending: list[Any], form: Any
+        self, arm_m: float, biased: list[Any], ending: list[Any]
     ) -> tuple[list[Any], list[Any]]:
         """Record what begins a part, and what ends one."""
         descents, history, record = self._descents, self._history, self._device.record
@@ -146,11 +143,12 @@ class Frames:
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
         at = [descents.surface, descents.body, history.arrives, poses]
-        felt = [*at[:2], form, *at[2:]]
+        felt = [*at, grip, descents.positions]
+        felt.append(self._device.array(pressure_form(model), wp.float64))
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*felt, grip, descents.positions, history.touched]),
+            record(made.wrench, points, [*felt, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

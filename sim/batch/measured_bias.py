@@ -55,9 +55,9 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         deepest = sensor.scene(body, Target(depth_m=most_m), **contact)
         measure = partial(_measured, model, deepest, most_m)
         rows.append(kept((deepest, edge_of(model)), 6, measure))
-    table, bias = np.array(rows), bias_of(model, len(rows))
+    table, bias = np.array(rows), bias_of(model).of([0] * len(rows))
     bias.known[:, 0] += table[:, 0]
-    return ForceBias(bias.known, table[:, 2:], table[:, 1:2] * [1.0, 0.0, 0.0])
+    return ForceBias(bias.known, table[:, 2:], table[:, 1:2] * [1.0, 0.0])
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:

@@ -48,20 +48,18 @@ _SAME_GIVES = 2.0
 _SLIP_SHARE = 0.004
 # Edges of the mesh by which a point may overlap; and of the radius below which a body is sharp.
 _OVERLAP_SHARE, _SHARP_SHARE = 0.4, 0.25
-
-
 # Bias of F_z by the whole pressure, by what is not linear of it, by narrow contacts and by layers;
 # and what may remain of it.
-_WHOLE, _UNRESOLVED, _NARROW, _LAYERS = -0.39, 1.40, 0.040, 0.81
-_LEFT, _NARROW_LEFT, _SHARE_LEFT, _LAYERS_LEFT = 0.03, 0.03, 0.25, 0.25
+_WHOLE, _UNRESOLVED, _NARROW, _LAYERS = -0.38, 1.29, 0.039, 0.81
+_LEFT, _NARROW_LEFT, _LAYERS_LEFT = 0.09, 0.034, 0.25
 
 
 class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
-    ``known`` and ``left`` are factors of 1, of A^(-3/4), and of S A / F_z^2 with the sum S of
-    ``pressure_form``, shape [count, 3] each. The bias has also linear x + quadratic x^2 with
-    x = log(F_z / N), held between two ends: ``by_force``, shape [count, 4].
+    ``known`` has factors of 1, A^(-3/4) and S A / F_z^2 with the sum S of ``pressure_form``, shape
+    [count, 3]; ``left`` of the first two, shape [count, 2]. The bias has also linear x + quadratic
+    x^2 with x = log(F_z / N), held between two ends: ``by_force``, shape [count, 4].
     """
 
     known: FloatArray
@@ -69,7 +67,7 @@ class ForceBias(NamedTuple):
     left: FloatArray
 
     def of(self, which: Sequence[int] | NDArray[np.integer[Any]]) -> ForceBias:
-        """Return the bias of bodies by their places, shape [count]."""
+        """Return the bias of bodies by their places, shape [count, ...]."""
         return ForceBias(*(each[np.asarray(which)] for each in self))
 
 
@@ -126,15 +124,9 @@ def edge_of(model: Model) -> float:
 
 def sharp(model: Model, indenters: Sequence[Indenter]) -> NDArray[np.bool_]:
     """Return which bodies have edges that are sharp, or not known to be rounded, on a mesh."""
-    least_m = _SHARP_SHARE * edge_of(model)
-    return np.array(
-        [
-            each.fillet_m < least_m
-            if isinstance(each, Cylinder)
-            else isinstance(each, MeshIndenter)
-            for each in indenters
-        ]
-    )
+    radii = [each.fillet_m if isinstance(each, Cylinder) else 0.0 for each in indenters]
+    rimmed = [isinstance(each, Cylinder | MeshIndenter) for each in indenters]
+    return np.array(rimmed) & (np.array(radii) < _SHARP_SHARE * edge_of(model))
 
 
 def stiffness_of(model: Model, edged: NDArray[np.bool_]) -> FloatArray:
@@ -150,21 +142,16 @@ def pressure_form(model: Model) -> FloatArray:
     return (_WHOLE + _UNRESOLVED) * np.eye(len(linear)) - _UNRESOLVED * followed
 
 
-def bias_of(model: Model, count: int) -> ForceBias:
-    """Return the bias of forces on a model; none, with NaN left, where it is not known."""
-    if not _gives_way(model):
-        nothing = np.zeros((count, 3))
-        return ForceBias(nothing, np.zeros((count, 4)), nothing + np.nan)
+def bias_of(model: Model) -> ForceBias:
+    """Return the bias of any force on a model; none, with NaN left, where it is not known."""
     edge_m = edge_of(model)
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
     layered = (1.0 - model.materials[0].min() / model.materials[0].max()) * wide**1.5
-    known = [_LAYERS * layered, _NARROW * narrow, wide / np.pi]
-    left = [
-        _LEFT * wide + _LAYERS_LEFT * layered,
-        _NARROW_LEFT * narrow,
-        _SHARE_LEFT * wide / np.pi,
-    ]
-    return ForceBias(*(np.tile(each, (count, 1)) for each in (known, np.zeros(4), left)))
+    known = np.array([[_LAYERS * layered, _NARROW * narrow, wide / np.pi]])
+    left = np.array([[_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]])
+    if not _gives_way(model):
+        known, left = 0.0 * known, np.nan * left
+    return ForceBias(known, np.zeros((1, 4)), left)
 
 
 def _gives_way(model: Model) -> bool:

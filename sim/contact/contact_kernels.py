@@ -501,12 +501,12 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         # Model:
         surface: TouchedSurface,
         body: Any,
-        form: wp.array2d(dtype=wp.float64),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         poses: Poses,
         grip: GripArrays,
         positions: wp.array2d(dtype=wp.vec3d),
+        form: wp.array2d(dtype=wp.float64),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):

@@ -25,7 +25,7 @@ def test_only_pressure_that_changes_within_faces_makes_the_mesh_too_stiff() -> N
 
 def test_bias_and_what_remains_fall_with_the_edges() -> None:
     """Each of their terms does."""
-    coarse, fine = (bias_of(sensor_model(PAD, GEL, edge_m=edge), 1) for edge in (4e-3, 2e-3))
+    coarse, fine = (bias_of(sensor_model(PAD, GEL, edge_m=edge)) for edge in (4e-3, 2e-3))
     assert (fine.known[0, 1:] < coarse.known[0, 1:]).all()
     assert (fine.left < coarse.left).all()
 
