@@ -149,11 +149,11 @@ class Batch:
             own = [element_constants(model.mesh, each) for each in materials]
         touched = model.discretisation.touched_element
         young_pa = np.array([young[touched] for young, _ in own])
-        edged = sharp(model, indenters)[np.asarray(which)]
+        edged = sharp(indenters)[np.asarray(which)]
         longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        self._bias = bias_of(model).of([0] * self.count) if bias is None else bias.of(which)
+        self._bias = bias_of(model).of(edged.astype(int)) if bias is None else bias.of(which)
         self._floor_n = floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(

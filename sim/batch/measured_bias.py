@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Sobol
 
 from sim.batch.batch import Batch
-from sim.batch.sensor_model import ForceBias, bias_of, edge_of
+from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
 from sim.error import Tolerance, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
@@ -55,7 +55,7 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         deepest = sensor.scene(body, Target(depth_m=most_m), **contact)
         measure = partial(_measured, model, deepest, most_m)
         rows.append(kept((deepest, edge_of(model)), 6, measure))
-    table, bias = np.array(rows), bias_of(model).of([0] * len(rows))
+    table, bias = np.array(rows), bias_of(model).of(sharp(indenters).astype(int))
     bias.known[:, 0] += table[:, 0]
     return ForceBias(bias.known, table[:, 2:], table[:, 1:2] * [1.0, 0.0])
 
