@@ -14,8 +14,9 @@ from sim.solve.memory_kernels import Memory
 # A step continues the one before if it is so many times as long at most, and leads the same way.
 _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))
 _NOTHING = wp.constant(wp.float64(1e-300))
-# How often a load is corrected at most, and the change of a bias that is none.
+# How often a load is corrected at most, the change of a bias that is none, and the largest bias.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
+_MOST_BIAS = wp.constant(wp.float64(0.5))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -296,7 +297,7 @@ def note(
             terms[2] = history.touched[b, 7] * area / (force * force)
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
-        own = wp.dot(known[b], terms) + (by[0] + by[1] * x) * x
+        own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS) + (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
         history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
