@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.batch import frame_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
-from sim.batch.sensor_model import ForceBias, Rim, bias_of, edge_of, rims_of, stiffness_of
+from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp, stiffness_of
 from sim.contact.contact_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
@@ -149,12 +149,12 @@ class Batch:
             own = [element_constants(model.mesh, each) for each in materials]
         touched = model.discretisation.touched_element
         young_pa = np.array([young[touched] for young, _ in own])
-        rims = rims_of(model, indenters)[np.asarray(which)]
+        edged = sharp(indenters)[np.asarray(which)]
         longest, short = _STEP_SHARES
-        careful = (rims > Rim.FILLET) | contact.is_tangential
+        careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        own_bias = bias_of(model, rims) if bias is None else bias.of(which)
-        self._bias, self._floor_n = own_bias, floor_n
+        self._bias = bias_of(model).of(edged.astype(int)) if bias is None else bias.of(which)
+        self._floor_n = floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
@@ -162,7 +162,7 @@ class Batch:
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
-        stiffness = stiffness_of(model, rims)
+        stiffness = stiffness_of(model, edged)
         self.descents = Descents(
             model,
             IndenterSet(
@@ -194,7 +194,7 @@ class Batch:
         # Contact begins so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
-        shapes = {"tips": (self.count, 2), "touched": (self.count, 7), "last": nodes}
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 8), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)

@@ -14,8 +14,9 @@ from sim.solve.memory_kernels import Memory
 # A step continues the one before if it is so many times as long at most, and leads the same way.
 _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))
 _NOTHING = wp.constant(wp.float64(1e-300))
-# How often a load is corrected at most, and the change of a bias that is none.
+# How often a load is corrected at most, the change of a bias that is none, and the largest bias.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
+_MOST_BIAS = wp.constant(wp.float64(0.5))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -55,7 +56,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, over it
-    touched: wp.array2d(dtype=wp.float64)  # wrench, and area in contact, shape [..., 7]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 8]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
@@ -253,7 +254,7 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(7):
+            for k in range(8):
                 history.touched[b, k] = wp.float64(0.0)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
@@ -268,11 +269,9 @@ def arrive(
 def note(
     # Model:
     floor: wp.float64,
-    bias: wp.array(dtype=wp.float64),
-    slope: wp.array(dtype=wp.float64),
-    bias_left: wp.array(dtype=wp.float64),
-    slope_left: wp.array(dtype=wp.float64),
+    known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
+    left: wp.array(dtype=wp.vec2d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -291,12 +290,14 @@ def note(
     if history.arrives[b] == 1:
         f = motions.frame[b]
         ends = motions.done[b] + 1 == motions.parts[b]
-        narrow = wp.float64(0.0)
-        if history.touched[b, 6] > wp.float64(0.0):
-            narrow = wp.pow(history.touched[b, 6], wp.float64(-0.75))
+        area, force = history.touched[b, 6], history.touched[b, 2]
+        terms = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        if area > wp.float64(0.0) and force > wp.float64(0.0):
+            terms[1] = wp.pow(area, wp.float64(-0.75))
+            terms[2] = history.touched[b, 7] * area / (force * force)
         by = by_force[b]
-        x = wp.clamp(wp.log(wp.max(history.touched[b, 2], _NOTHING)), by[2], by[3])
-        own = bias[b] + slope[b] * narrow + (by[0] + by[1] * x) * x
+        x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
+        own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS) + (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
         history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
@@ -312,7 +313,7 @@ def note(
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] / (wp.float64(1.0) + own)
-                found.error[f, b] = bias_left[b] + slope_left[b] * narrow
+                found.error[f, b] = left[b][0] + left[b][1] * terms[1]
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch import frame_kernels as kernels
-from sim.batch.sensor_model import ForceBias
+from sim.batch.sensor_model import ForceBias, pressure_form
 from sim.contact.contact_kernels import Pressed
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
@@ -61,8 +61,8 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        biased = [floor_n, *(device.array(each, wp.float64) for each in bias[:4])]
-        biased.append(device.array(bias.by_force, wp.vec4d))
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
+        biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
         self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
 
     def go(self) -> None:
@@ -143,7 +143,8 @@ class Frames:
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
-        at = [descents.pressed, history.arrives]
+        form = self._device.array(pressure_form(model), wp.float64)
+        at = [descents.pressed, history.arrives, form]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),

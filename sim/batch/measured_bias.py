@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Sobol
 
 from sim.batch.batch import Batch
-from sim.batch.sensor_model import ForceBias, edge_of
+from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
 from sim.error import Tolerance, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
@@ -54,14 +54,17 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
             most_m = min(most_m, _BALL_SHARE * body.diameter_m)
         deepest = sensor.scene(body, Target(depth_m=most_m), **contact)
         measure = partial(_measured, model, deepest, most_m)
-        rows.append(kept((deepest, edge_of(model)), 8, measure))
-    table = np.array(rows)
-    constant, slope, constant_left, slope_left = table[:, :4].T
-    return ForceBias(constant, slope, constant_left, slope_left, table[:, 4:])
+        rows.append(kept((deepest, edge_of(model)), 6, measure))
+    table, bias = np.array(rows), bias_of(model).of(sharp(indenters).astype(int))
+    bias.known[:, 0] += table[:, 0]
+    return ForceBias(bias.known, table[:, 2:], table[:, 1:2] * [1.0, 0.0])
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
-    """Return the bias under a scene's indenter, its ``ForceBias`` in one row, shape [8]."""
+    """Return what ``bias_of`` leaves under a scene's indenter, shape [6].
+
+    Constant, what remains of all, and ``ForceBias.by_force``.
+    """
     pad = deepest.pad
     assert isinstance(pad, BoxPad)  # noqa: S101 - that of a sensor's model is
     half = np.array(pad.half_extents()) - _MARGIN_M
@@ -75,13 +78,15 @@ def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
         poses[k, :, :2] += cell
         poses[k, :, 2] += pad.height_at(*poses[k, :, :2].T) - pad.height_at(*centre[:, None])
     batch = Batch(model, [deepest.indenter], [0] * (_FINE * _PLACES))
-    felt_n = batch.step(poses.reshape(-1, 7)).raw_wrench[:, 2]
+    found = batch.step(poses.reshape(-1, 7))
+    felt_n, corrected_n = found.raw_wrench[:, 2], found.wrench[:, 2]
     if not (felt_n > 0.0).all():
         raise ConfigError("no force where the bias is measured", remedy="take a shorter edge_m")
-    off, size = felt_n / np.repeat(fine_n, _PLACES) - 1.0, np.log(felt_n)
+    off = felt_n / np.repeat(fine_n, _PLACES) - felt_n / corrected_n
+    size = np.log(felt_n)
     square, linear, constant = fit = np.polyfit(size, off, 2)
     left = np.percentile(np.abs(off - np.polyval(fit, size)), 95.0) + _TOLERANCE
-    return np.array([constant, 0.0, left, 0.0, linear, square, size.min(), size.max()])
+    return np.array([constant, left, linear, square, size.min(), size.max()])
 
 
 def press_alone(

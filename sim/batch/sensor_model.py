@@ -1,24 +1,24 @@
 """A sensor's model for presses at any place: mesh, compliance of the contact, error of F_z.
 
-Elements as wide as a contact are too stiff: F_z is 1 to 60 % too large. The contact is therefore
-made compliant, by a share of an edge times the pressure over E / (1 - nu^2). This offsets most of
-the error, halves the steps of a descent, and overcorrects wide contacts a little. What remains is
+A mesh is stiffer than the gel, above all under pressure p that changes within its faces. Contact is
+therefore made compliant, by a share of an edge times p over E / (1 - nu^2). This offsets most of
+the error, halves the steps of a descent, and overcorrects wide contacts. What remains is
 
-    F / F_fine = 1 + share h / H + slope (h / a)^1.5 + layers (1 - E_min / E_max) (h / H)^1.5
+    F / F_fine = 1 + h A / (pi H F_z^2) integral of p (unresolved (p - L p) + whole p)
+                   + wide h / H + narrow (h / a)^1.5 + layers (1 - E_min / E_max) (h / H)^1.5
 
-with the edge length h at the surface, the pad's height H and the radius a of a disc of the
-contact's area A. The numbers were fitted to 340 forces of drawn balls and rounded punches on two
-sensors and meshes of three edges, against presses on fine meshes of their own, and that of layers
-to 24 on 9DTact; what remains was, for 19 forces of 20. It is not within 1 %: by where a ball of
-5 to 12 mm lies in a cell of 2.5 mm F_z differs by 1 to 2 % (standard deviation). With friction of
-0.3 to 1 and under sharp prisms it was compared with finer meshes of the same kind only; ``study
-bench --part unlike`` gives the share within.
+with the edge length h at the surface, the pad's height H, the contact's area A, the radius a of a
+disc of this area, and L p, the linear function on each face that is closest to p. The integral is
+the work that a mesh's surface does too little: h p / E under the p that it does not resolve, less
+what the compliant contact does; A / H is the stiffness of a layer over E. The numbers were fitted
+to 100 presses of balls and rounded punches on each of two sensors at edges of 0.9 to 2.5 mm,
+against presses on fine meshes of their own, and that of layers to 24 on 9DTact. Sharp bodies, which
+get rounded edges here, differ in narrow alone. ``study bench --part alone`` judges the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,43 +46,29 @@ _SAME_GIVES = 2.0
 # Edges of the mesh at which sticking has become sliding. A tenth of it takes more evaluations and
 # changes forces by less than 1 % in the median.
 _SLIP_SHARE = 0.004
-# Edges of the mesh by which a point may overlap; and of the radius below which a body is sharp.
-_OVERLAP_SHARE, _SHARP_SHARE = 0.4, 0.25
-
-
-class Rim(IntEnum):
-    """How a body's edge compares with a mesh's."""
-
-    ROUND = 0
-    """It has none: a ball."""
-    FILLET = 1
-    """Its radius is more than a quarter of an edge's length."""
-    NARROW = 2
-    """It is less."""
-    SHARP = 3
-    """It is zero, or not known."""
-
-
-# Share of the bias by ``Rim``, its slope, and what layers add; then all of what remains.
-_SHARES, _SLOPE, _LAYERS = np.array([-0.155, -0.066, 0.088, 0.0]), 0.068, 0.81
-_SHARES_LEFT, _SLOPE_LEFT, _LAYERS_LEFT = np.array([0.10, 0.10, 0.25, 0.30]), 0.03, 0.25
+# Edges of the mesh by which a point may overlap.
+_OVERLAP_SHARE = 0.4
+# Bias of F_z by the whole pressure, by what is not linear of it, by edges over the height and by
+# layers; by narrow contacts of rounded bodies, and of sharp ones.
+_WHOLE, _UNRESOLVED, _WIDE, _LAYERS, _NARROW = -0.69, 1.53, 0.148, 0.81, (0.031, 0.0)
+# What may remain of it: of all, and by edges, layers and narrow contacts.
+_LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.012, 0.06, 0.25, 0.034
 
 
 class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
-    Each is a constant plus a slope times A^(-3/4), of each environment, shape [count]. The bias has
-    also linear x + quadratic x^2 with x = log(F_z / N), held between two ends.
+    ``known`` has factors of 1, A^(-3/4) and S A / F_z^2 with the sum S of ``pressure_form``, shape
+    [count, 3]; ``left`` of the first two, shape [count, 2]. The bias has also linear x + quadratic
+    x^2 with x = log(F_z / N), held between two ends: ``by_force``, shape [count, 4].
     """
 
-    constant: FloatArray
-    slope: FloatArray
-    constant_left: FloatArray
-    slope_left: FloatArray
-    by_force: FloatArray  # linear, quadratic and the two ends, shape [count, 4]
+    known: FloatArray
+    by_force: FloatArray
+    left: FloatArray
 
     def of(self, which: Sequence[int] | NDArray[np.integer[Any]]) -> ForceBias:
-        """Return the bias of bodies by their places, shape [count]."""
+        """Return the bias of bodies by their places, shape [count, ...]."""
         return ForceBias(*(each[np.asarray(which)] for each in self))
 
 
@@ -137,31 +123,39 @@ def edge_of(model: Model) -> float:
     return float(np.sqrt(2.0 * np.median(model.discretisation.face_areas)))
 
 
-def rims_of(model: Model, indenters: Sequence[Indenter]) -> FloatArray:
-    """Return the ``Rim`` of every body on a model's mesh, shape [count]."""
-    narrow_m = _SHARP_SHARE * edge_of(model)
-    return np.array([_rim(each, narrow_m) for each in indenters])
-
-
-def stiffness_of(model: Model, rims: FloatArray) -> FloatArray:
-    """Return the stiffness of contact over E d_hat under bodies, shape [count]."""
-    sharper = _GIVES / _GIVES_SHARP if _gives_way(model) else 1.0
-    return model.contact_options.stiffness * np.where(rims <= Rim.FILLET, 1.0, sharper)
-
-
-def bias_of(model: Model, rims: FloatArray) -> ForceBias:
-    """Return the bias of forces on a model; none, with NaN left, where it is not known."""
-    edge_m = edge_of(model)
-    if not _gives_way(model):
-        zero = np.zeros(len(rims))
-        return ForceBias(zero, zero, np.full(len(rims), np.nan), zero, np.zeros((len(rims), 4)))
-    wide, narrow = edge_m / model.height_m, np.full(len(rims), (edge_m * np.sqrt(np.pi)) ** 1.5)
-    layered = (1.0 - model.materials[0].min() / model.materials[0].max()) * wide**1.5
-    constant = _SHARES[rims] * wide + _LAYERS * layered
-    left = _SHARES_LEFT[rims] * wide + _LAYERS_LEFT * layered
-    return ForceBias(
-        constant, _SLOPE * narrow, left, _SLOPE_LEFT * narrow, np.zeros((len(rims), 4))
+def sharp(indenters: Sequence[Indenter]) -> NDArray[np.bool_]:
+    """Return which bodies have edges that are sharp, or not known to be rounded."""
+    return np.array(
+        [
+            isinstance(each, MeshIndenter) or (isinstance(each, Cylinder) and not each.fillet_m)
+            for each in indenters
+        ]
     )
+
+
+def stiffness_of(model: Model, edged: NDArray[np.bool_]) -> FloatArray:
+    """Return the stiffness of contact over E d_hat under bodies that are sharp, or are not."""
+    sharper = _GIVES / _GIVES_SHARP if _gives_way(model) else 1.0
+    return model.contact_options.stiffness * np.where(edged, sharper, 1.0)
+
+
+def pressure_form(model: Model) -> FloatArray:
+    """Return the quadratic form of pressures at a face's points that biases forces."""
+    linear, weights = model.reference.face_points, model.reference.face_weights[:, None]
+    followed = linear @ np.linalg.solve(linear.T @ (weights * linear), (weights * linear).T)
+    return (_WHOLE + _UNRESOLVED) * np.eye(len(linear)) - _UNRESOLVED * followed
+
+
+def bias_of(model: Model) -> ForceBias:
+    """Return the bias under a rounded body and under a sharp one; none where it is not known."""
+    if not _gives_way(model):
+        return ForceBias(np.zeros((2, 3)), np.zeros((2, 4)), np.full((2, 2), np.nan))
+    edge_m = edge_of(model)
+    wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
+    layered = (1.0 - model.materials[0].min() / model.materials[0].max()) * wide**1.5
+    known = [[_WIDE * wide + _LAYERS * layered, each * narrow, wide / np.pi] for each in _NARROW]
+    left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
+    return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))
 
 
 def _gives_way(model: Model) -> bool:
@@ -169,9 +163,3 @@ def _gives_way(model: Model) -> bool:
     contact, softness = model.contact_options, 1.0 - float(np.median(model.materials[1])) ** 2
     gives = contact.distance_m / (contact.stiffness * edge_of(model) * softness)
     return 1.0 / _SAME_GIVES < gives / _GIVES < _SAME_GIVES
-
-
-def _rim(indenter: Indenter, narrow_m: float) -> Rim:
-    if isinstance(indenter, Cylinder) and indenter.fillet_m > 0.0:
-        return Rim.FILLET if indenter.fillet_m >= narrow_m else Rim.NARROW
-    return Rim.SHARP if isinstance(indenter, Cylinder | MeshIndenter) else Rim.ROUND

@@ -257,8 +257,8 @@ class ContactKernels:
     hold: Any
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
-    # Adds force [N] and moment about the tip [N m] on the indenter, and what touches of the area at
-    # rest [m^2], all summed up
+    # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
+    # rest [m^2], and a quadratic form of every face's pressures [N^2/m^2], all summed up
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -450,6 +450,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         at: Pressed,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
+        form: wp.array2d(dtype=wp.float64),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
@@ -465,6 +466,16 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
                 area = repeatable(area, at.surface.shift / at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
+                formed = wp.float64(0.0)
+                for r in range(at.surface.areas.shape[1]):
+                    _here, there = met(at, b, f, r)
+                    gap, _n = nearby_gap(here, there)
+                    if gap < at.surface.distance:
+                        _density, pressed, _change = normal_contact(at.surface, b, gap)
+                        formed += form[q, r] * pressed
+                formed = at.surface.areas[f, q] * slope * formed
+                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
+                wp.atomic_add(wrench_out, b, 7, formed)
             if wp.static(grips):
                 _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.batch.measured_bias import press_alone
-from sim.batch.sensor_model import Rim, bias_of, edge_of, sensor_model
+from sim.batch.sensor_model import bias_of, pressure_form, sensor_model
 from sim.coupling.gel_contact import UNMOVED, GelContact
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Target
@@ -14,20 +14,20 @@ from sim.sensor.sensor import load_sensor
 from tests.sim.batch.test_batch import GEL, PAD
 
 
-def test_a_contact_as_wide_as_an_edge_is_more_off_than_a_wide_one() -> None:
-    """Bias and what may remain fall as contacts grow, and with the mesh's edges."""
-    coarse, fine = (sensor_model(PAD, GEL, edge_m=edge) for edge in (4e-3, 2e-3))
-    area = np.pi * (np.array([1.0, 3.0]) * edge_of(coarse)) ** 2
-    rims = np.full(2, Rim.ROUND)
-    narrow = area**-0.75
-    (bias, left), (finer, finer_left) = (
-        (each.constant + each.slope * narrow, each.constant_left + each.slope_left * narrow)
-        for each in (bias_of(coarse, rims), bias_of(fine, rims))
-    )
-    assert bias[0] > bias[1]
-    assert left[0] > left[1]
-    assert (finer_left < left).all()
-    assert abs(finer[1]) < abs(bias[1])
+def test_only_pressure_that_changes_within_faces_makes_the_mesh_too_stiff() -> None:
+    """Under linear pressure contact gives way too much, under that at one point too little."""
+    model = sensor_model(PAD, GEL, edge_m=4e-3)
+    form, corners = pressure_form(model), model.reference.face_points
+    weights = model.reference.face_weights
+    assert (np.einsum("qk,q,qr,rk->k", corners, weights, form, corners) < 0.0).all()
+    assert form[0, 0] > 0.0
+
+
+def test_bias_and_what_remains_fall_with_the_edges() -> None:
+    """Each of their terms does."""
+    coarse, fine = (bias_of(sensor_model(PAD, GEL, edge_m=edge)) for edge in (4e-3, 2e-3))
+    assert (fine.known[0, 1:] < coarse.known[0, 1:]).all()
+    assert (fine.left < coarse.left).all()
 
 
 @pytest.mark.slow
