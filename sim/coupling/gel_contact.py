@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch.batch import Batch
-from sim.batch.measured_bias import measured_bias
+from sim.batch.measured_bias import EDGE_M, measured_bias
 from sim.batch.sensor_model import sensor_model
 from sim.coupling import gel_kernels as kernels
 from sim.device import Device
@@ -38,9 +38,10 @@ class GelContact:
         indenter: Shape of the objects.
         count: Gels.
         sensor: Name, or path of a sensor's file.
-        edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
+        edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer. None is
+            2.5 mm, and 1 mm with a measured bias.
         measures_bias: Measure the mesh's error of F_z for this indenter at the first set-up, by
-            eight presses on fine meshes (11 to 36 s on one core), and correct F_z by it.
+            eight presses on fine meshes (about a minute on one core), and correct F_z by it.
         friction: Coulomb coefficient between object and gel.
         loss_s: Viscous forces of the gel over its stiffness times speed [s]; 2 ms are a loss
             tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` excludes them.
@@ -69,7 +70,7 @@ class GelContact:
         *,
         count: int,
         sensor: str = "gelsight-mini",
-        edge_m: float = 2.5e-3,
+        edge_m: float | None = None,
         measures_bias: bool = False,
         friction: float = 0.5,
         loss_s: float = 2e-3,
@@ -78,16 +79,16 @@ class GelContact:
         gel = load_sensor(sensor)
         if not isinstance(gel.pad, BoxPad):
             raise ConfigError(f"sensor {sensor}: its pad is a mesh", remedy="take a box or a dome")
-        made: dict[str, Any] = {"edge_m": edge_m, "friction": friction, "device": device}
-        model = sensor_model(gel.pad, gel.material, layers=gel.layers, **made)
+        made: dict[str, Any] = {"friction": friction, "device": device, "layers": gel.layers}
+        made["edge_m"] = edge_m or (EDGE_M if measures_bias else 2.5e-3)
+        model = sensor_model(gel.pad, gel.material, **made)
         bias = measured_bias(model, gel, [indenter]) if measures_bias else None
         self.batch = Batch(model, [indenter], [0] * count, bias=bias)
         self._drawing = SurfaceImages(model, indenter, gel, count=count)
         half = wp.vec3d(*gel.pad.half_extents(), gel.pad.height_m)
         ball = wp.vec2d(*_bounding_ball(indenter))
         self._shapes = [half, ball, isinstance(indenter, Cylinder)]
-        stiffness = _stiffness(gel.material, has_friction=friction > 0.0)
-        self._model = [stiffness, friction, loss_s]
+        self._model = [_stiffness(gel.material, has_friction=friction > 0.0), friction, loss_s]
         self._device, self._count = on, own = Device(device), (count,)
         self.pads, self.objects = (on.zeroed(kernels.Bodies, own) for _ in range(2))
         self.wrench, self.force_error = on.zeros((count, 6), wp.float64), on.zeros(own, wp.float64)

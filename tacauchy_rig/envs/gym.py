@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.batch.batch import Batch, BatchForces, BatchOptions
-from sim.batch.measured_bias import measured_bias
+from sim.batch.measured_bias import EDGE_M, measured_bias
 from sim.batch.sensor_model import sensor_model
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Indenter
@@ -66,7 +66,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         image: Draw images and observe them.
         run: A run's folder, whose measured imperfections are drawn anew in every episode; without
             it only the gel's modulus varies, as the sensor's file has it.
-        edge_m: Of the gel's mesh [m].
+        edge_m: Of the gel's mesh [m]; None is 3.5 mm, and 1 mm with a measured bias.
         measures_bias: As ``GelContact`` takes it.
         max_episode_steps: An episode is cut off then; None never does.
     """
@@ -87,7 +87,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         image: bool = True,
         sensor: str = "gelsight-mini",
         run: str | Path | None = None,
-        edge_m: float = _EDGE_M,
+        edge_m: float | None = None,
         measures_bias: bool = False,
         device: str = "cpu",
         render_mode: str | None = None,
@@ -101,6 +101,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         self.imperfections = (
             imperfections_of_sensor(gel) if run is None else imperfections_of_run(Path(run))
         )
+        edge_m = edge_m or (EDGE_M if measures_bias else _EDGE_M)
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, edge_m=edge_m, device=device)
         options = BatchOptions(residual_relative=_RESIDUAL)
         bias = measured_bias(model, gel, [self.body]) if measures_bias else None

@@ -248,7 +248,7 @@ def _in_gymnasium(**gel: Any) -> tuple[float, np.ndarray, dict[str, Any]]:
 @pytest.mark.parametrize("engine", [_in_newton, _in_mujoco, _in_gymnasium])
 def test_with_a_measured_bias_an_engines_press_is_that_of_press(engine: Any) -> None:
     """F_z is within 1 % of a press to the same depth, at the same place, on a mesh of its own."""
-    force_n, tip_m, contact = engine(edge_m=1.25e-3, measures_bias=True)
+    force_n, tip_m, contact = engine(measures_bias=True)
     gel = load_sensor("gelsight-mini")
     assert isinstance(gel.pad, BoxPad)
     depth_m = float(gel.pad.height_at(*tip_m[:2, None])[0] - tip_m[2])
