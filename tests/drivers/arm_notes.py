@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable
@@ -16,7 +15,7 @@ import pytest
 
 from drivers.emulators.arm.controller import EVENTS_FILE, TRACE_FILE, TRACE_ROW
 from tacauchy_rig.core.run import Vector3
-from tests.drivers.conftest import EmulatedUr
+from tests.drivers.conftest import FORKED, EmulatedUr
 
 Scenario = Callable[..., None]
 
@@ -47,7 +46,6 @@ def read_trace(folder: Path) -> list[TraceRow]:
     ]
 
 
-_FORKED = multiprocessing.get_context("forkserver")
 _answers: list[Connection] = []
 """Where a client's process answers."""
 
@@ -71,15 +69,14 @@ class Client:
     """A process that runs a function, and the pipe on which it answers.
 
     ur_rtde holds the interpreter lock in its constructors, and what hangs there must not take the
-    tests with it. All are forks of one process, which has imported what they need.
+    tests with it.
     """
 
     def __init__(self, scenario: Scenario, robot: EmulatedUr, *more: str) -> None:
-        _FORKED.set_forkserver_preload([scenario.__module__])
         self._log = robot.folder / "client.log"
-        self._answers, answers = _FORKED.Pipe(duplex=False)
+        self._answers, answers = FORKED.Pipe(duplex=False)
         given = (robot.host, robot.model.value, str(robot.folder), *more)
-        self.process = _FORKED.Process(
+        self.process = FORKED.Process(
             target=_be_client, args=(answers, self._log, scenario, *given), daemon=True
         )
         self.process.start()
