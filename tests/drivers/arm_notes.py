@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,9 @@ import pytest
 
 from drivers.emulators.arm.controller import EVENTS_FILE, TRACE_FILE, TRACE_ROW
 from tacauchy_rig.core.run import Vector3
+from tests.drivers.conftest import FORKED, EmulatedUr
+
+Scenario = Callable[..., None]
 
 
 def read_events(folder: Path) -> list[dict[str, object]]:
@@ -43,38 +46,41 @@ def read_trace(folder: Path) -> list[TraceRow]:
     ]
 
 
-_ANSWERS = "TEST_UR5_ANSWERS"
+_answers: list[Connection] = []
+"""Where a client's process answers."""
 
 
 def say(**found: object) -> None:
     """Answer from a client's process: not on stdout, where ur_rtde's words may cut a line."""
-    os.write(int(os.environ[_ANSWERS]), json.dumps(found).encode() + b"\n")
+    _answers[0].send(found)
 
 
-def be_client(functions: dict[str, Any]) -> None:
+def _be_client(answers: Connection, log: Path, scenario: Scenario, *given: str) -> None:
     """Be a client's process, and leave without a farewell, as a crash would."""
-    functions[sys.argv[1]](*sys.argv[2:])
+    _answers.append(answers)
+    with log.open("wb") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    scenario(*given)
     os._exit(0)
 
 
 class Client:
-    """A process that runs a function of a test's file, and the pipe on which it answers.
+    """A process that runs a function, and the pipe on which it answers.
 
     ur_rtde holds the interpreter lock in its constructors, and what hangs there must not take the
     tests with it.
     """
 
-    def __init__(self, file: str, scenario: str, robot: Any, *more: str) -> None:
-        reading, writing = os.pipe()
-        self.process = subprocess.Popen(
-            [sys.executable, file, scenario, robot.host, robot.model.value, robot.folder, *more],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            pass_fds=[writing],
-            env=os.environ | {_ANSWERS: str(writing)},
+    def __init__(self, scenario: Scenario, robot: EmulatedUr, *more: str) -> None:
+        self._log = robot.folder / "client.log"
+        self._answers, answers = FORKED.Pipe(duplex=False)
+        given = (robot.host, robot.model.value, str(robot.folder), *more)
+        self.process = FORKED.Process(
+            target=_be_client, args=(answers, self._log, scenario, *given), daemon=True
         )
-        os.close(writing)
-        self._answers = os.fdopen(reading)
+        self.process.start()
+        answers.close()
 
     def __enter__(self) -> Client:
         return self
@@ -82,9 +88,7 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self._answers.close()
         self.process.kill()
-        self.process.wait()
-        if self.process.stdout is not None:
-            self.process.stdout.close()
+        self.process.join()
 
     def await_pressing(self) -> None:
         """Return once the arm moves down."""
@@ -96,12 +100,11 @@ class Client:
         When a connection breaks, ur_rtde connects anew in a thread of its own, and now and then
         ends with SIGSEGV doing so.
         """
-        line = self._answers.readline()
-        if not line:
-            self.process.wait()
-            if may_crash and self.process.returncode == -signal.SIGSEGV:
+        try:
+            return dict(self._answers.recv())
+        except EOFError:
+            self.process.join()
+            if may_crash and self.process.exitcode == -signal.SIGSEGV:
                 return {}
-            assert self.process.stdout is not None
-            said = self.process.stdout.read().decode(errors="replace")
-            pytest.fail(f"the client ended with {self.process.returncode}: {said}")
-        return dict(json.loads(line))
+            said = self._log.read_text(errors="replace")
+            pytest.fail(f"the client ended with {self.process.exitcode}: {said}")

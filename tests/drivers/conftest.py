@@ -2,11 +2,16 @@
 
 import http.server
 import json
+import multiprocessing
+import os
+import runpy
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Set
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,13 +19,53 @@ import pytest
 
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.plant.truth import draw_truth, write_truth
-from drivers.emulators.process import DeviceSettings, EmulatedProcess
+from drivers.emulators.process import END_TIMEOUT_S, DeviceSettings, command_line
 from drivers.interfaces import StreamingDevice
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
 from tacauchy_rig.core.run import Vector3
 
 SampleT = TypeVar("SampleT")
+FORKED = multiprocessing.get_context("forkserver")
+"""Of processes that begin as forks of one that has imported what they need, for a tenth."""
+FORKED.set_forkserver_preload(
+    [
+        "tests.drivers.arm.test_ur5",
+        "drivers.emulators.arm.controller",
+        "drivers.emulators.force_sensor.box",
+    ]
+)
+
+
+def _be_emulator(ready: Connection, module: str, settings: DeviceSettings) -> None:
+    with (settings.folder / "emulator.log").open("ab") as log:
+        os.dup2(log.fileno(), 2)
+    os.dup2(ready.fileno(), 1)
+    sys.argv[1:] = command_line(module, replace(settings, parent_pid=os.getppid()))[3:]
+    runpy.run_module(f"drivers.emulators.{module}", run_name="__main__")
+
+
+class ForkedEmulator:
+    """An ``EmulatedProcess`` that is forked."""
+
+    def __init__(self, module: str, settings: DeviceSettings) -> None:
+        self._said, ready = FORKED.Pipe(duplex=False)
+        self.process = FORKED.Process(
+            target=_be_emulator, args=(ready, module, settings), daemon=True
+        )
+        self.process.start()
+        ready.close()
+
+    def wait_ready(self) -> dict[str, Any]:
+        """Return its ready line."""
+        return dict(json.loads(os.read(self._said.fileno(), 65536)))
+
+    def stop(self) -> None:
+        """Ask it to end, and kill it if it does not."""
+        self.process.terminate()
+        self.process.join(END_TIMEOUT_S)
+        self.process.kill()
+        self._said.close()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +75,7 @@ class EmulatedUr:
     host: str
     folder: Path
     model: RobotModel
-    process: EmulatedProcess
+    process: ForkedEmulator
 
 
 EmulateUr = Callable[..., EmulatedUr]
@@ -67,7 +112,7 @@ def collect(
 @pytest.fixture
 def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
     """Return a function that starts a controller; those it started end with the test."""
-    started: list[EmulatedProcess] = []
+    started: list[ForkedEmulator] = []
 
     def start(
         model: RobotModel = RobotModel.E_SERIES,
@@ -84,7 +129,7 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
         settings = DeviceSettings(
             folder=tmp_path, config=config, host=host, quirks=frozenset(quirks)
         )
-        process = EmulatedProcess("robot", "arm.controller", settings)
+        process = ForkedEmulator("arm.controller", settings)
         started.append(process)
         process.wait_ready()
         return EmulatedUr(host=host, folder=tmp_path, model=model, process=process)
@@ -125,7 +170,7 @@ def _running_box(
     write_truth(folder, truth)
     config = changed(load_config().config, force_sensor={"capacity": capacity})
     settings = DeviceSettings(folder=folder, config=config, quirks=frozenset(quirks))
-    process = EmulatedProcess("box", "force_sensor.box", settings)
+    process = ForkedEmulator("force_sensor.box", settings)
     try:
         ready = process.wait_ready()
         (folder / "ready.json").write_text(json.dumps(ready))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field
 from scipy.signal import correlate, correlation_lags, lfilter
 
@@ -279,9 +280,12 @@ def _near(
     offsets = about_s + np.arange(-within_s, within_s, NEAR_STEP_S)
     begins = np.linspace(0, len(grid), BINS, endpoint=False).astype(np.int64)
     counts = np.diff(begins, append=len(grid))
+    # An offset shows what the next one shows a step later.
+    steps = np.arange(len(grid) + len(offsets) - 1)
+    shown = second.at(grid[0] - offsets[-1] + NEAR_STEP_S * steps)
     apart = []
-    for offset in offsets:
-        values = second.at(grid - offset)[order]
+    for window in sliding_window_view(shown, len(grid))[::-1]:
+        values = window[order]
         total, squares = (np.add.reduceat(each, begins) for each in (values, values**2))
         apart.append(float((squares - total**2 / counts).sum()))
     return float(offsets[int(np.argmin(apart))])

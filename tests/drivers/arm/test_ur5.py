@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,7 @@ from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
-from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say
+from tests.drivers.arm_notes import Client, read_events, read_trace, say
 from tests.drivers.conftest import changed
 from tests.studies.fault_table.observation import ArmOutcome, arm_after
 
@@ -174,7 +173,7 @@ def client_stalled(host: str, model: str, folder: str) -> None:
 def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """The whole interface does what it says on both generations."""
     robot = emulate_ur(model)
-    with Client(__file__, "client_normal", robot) as client:
+    with Client(client_normal, robot) as client:
         found = client.line()
     assert found["model"] == f"UR5 {model.value}"
     assert found["serial"].isdigit()
@@ -206,9 +205,9 @@ def test_arm_stops_when_its_client_is_killed(
 ) -> None:
     """After SIGKILL of the client the watchdog ends the motion within a fraction of a mm."""
     robot = emulate_ur(model)
-    with Client(__file__, "client_press", robot, motion) as client:
+    with Client(client_press, robot, motion) as client:
         client.await_pressing()
-        client.process.send_signal(signal.SIGKILL)
+        client.process.kill()
         killed_ns = time.monotonic_ns()
     _await_event(robot.folder, "program-ended")
     assert read_events(robot.folder)[-1]["reason"] == "watchdog"
@@ -248,7 +247,7 @@ def test_a_fault_is_told_and_the_arm_stops(
 ) -> None:
     """Each fault while pressing gives its reason, stays, and ends the motion."""
     robot = emulate_ur(model)
-    with Client(__file__, "client_press", robot) as client:
+    with Client(client_press, robot) as client:
         client.await_pressing()
         before_ns = time.monotonic_ns()
         post_fault(robot.folder, parse_fault(f"robot:{fault}"))
@@ -268,7 +267,7 @@ def test_a_fault_is_told_and_the_arm_stops(
 def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> None:
     """Connections that break for a moment are a loss, although the library would come back."""
     robot = emulate_ur()
-    with Client(__file__, "client_press", robot) as client:
+    with Client(client_press, robot) as client:
         client.await_pressing()
         post_fault(robot.folder, parse_fault("robot:drop+5ms"))
         found = client.line()
@@ -293,7 +292,7 @@ def test_what_a_client_does_or_forgets_ends_its_program(
     emulate_ur: Callable[..., Any], model: RobotModel, motion: str, message: str, remedy: str
 ) -> None:
     """An arm that is not fed, and the guard's last means: the state says what happened."""
-    with Client(__file__, "client_press", emulate_ur(model), motion) as client:
+    with Client(client_press, emulate_ur(model), motion) as client:
         client.await_pressing()
         found = client.line()
     assert message in found["message"]
@@ -303,26 +302,26 @@ def test_what_a_client_does_or_forgets_ends_its_program(
 def test_a_stalled_arm_keeps_moving_on_paper(emulate_ur: Callable[..., Any]) -> None:
     """A move that gets nowhere stays a move, its pose stands, and it can be stopped."""
     robot = emulate_ur()
-    with Client(__file__, "client_stalled", robot) as client:
+    with Client(client_stalled, robot) as client:
         assert client.line() == {"moving": True, "moved_m": 0.0}
 
 
 def test_second_client_is_refused(emulate_ur: Callable[..., Any]) -> None:
     """A second program is told that the robot is taken; the first goes on."""
     robot = emulate_ur()
-    with Client(__file__, "client_press", robot) as client:
+    with Client(client_press, robot) as client:
         client.await_pressing()
         with pytest.raises(DeviceError, match="another program already controls it"):
             _arm(robot.host, robot.model.value).connect()
         time.sleep(0.2)
-        assert client.process.poll() is None
+        assert client.process.is_alive()
         assert [event["name"] for event in read_events(robot.folder)] == ["program-started"]
 
 
 def test_a_killed_controller_is_noticed(emulate_ur: Callable[..., Any]) -> None:
     """When the emulated controller dies, the client is told and the world stays readable."""
     robot = emulate_ur()
-    with Client(__file__, "client_press", robot) as client:
+    with Client(client_press, robot) as client:
         client.await_pressing()
         robot.process.process.kill()
         found = client.line()
@@ -341,7 +340,3 @@ def test_calls_before_connecting_say_so() -> None:
             call()
     assert not arm.is_moving()
     assert arm.drain() == []
-
-
-if __name__ == "__main__":
-    be_client(globals())

@@ -22,6 +22,7 @@ from tacauchy_rig.envs.gym_tasks import PressToForce
 from tacauchy_rig.envs.mujoco import ball_on_pad
 from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
 
+wp.config.enable_backward = False  # of newton's kernels, which nobody differentiates here
 STEP_S, MASS_KG, GRAVITY = 1e-3, 0.02, 9.81
 _FRICTION = {"contact": ContactMode.FRICTION, "friction": 0.5}
 

@@ -24,7 +24,7 @@ from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import Pose
-from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say
+from tests.drivers.arm_notes import Client, read_events, read_trace, say
 from tests.drivers.conftest import changed, wait_until
 from tests.studies.fault_table.observation import arm_after
 
@@ -164,17 +164,17 @@ def client_stop_l_then_speed(host: str, model: str, _folder: str) -> None:
     say(after_stop_l=after_stop_l, after_speed_stop=receiver.getActualTCPSpeed()[2])
 
 
-def _run(scenario: str, robot: Any) -> dict[str, Any]:
-    with Client(__file__, scenario, robot) as client:
+def _run(scenario: Callable[..., None], robot: Any) -> dict[str, Any]:
+    with Client(scenario, robot) as client:
         answer = client.line()
-        client.process.wait(60)
+        client.process.join(60)
         return answer
 
 
 @pytest.mark.parametrize("model", _MODELS)
 def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """Control, two receivers at their own rates and the outputs interface work together."""
-    found = _run("client_everything", emulate_ur(model))
+    found = _run(client_everything, emulate_ur(model))
     for name in ("program", "tcp", "payload", "zero", "blocking_move", "output"):
         assert found[name] is True, name
     assert found["contact"] is True, "a CB3 says so too, and does nothing"
@@ -195,7 +195,7 @@ def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> Non
     robot = emulate_ur(home=home.position, seed=3)
     config = changed(load_config().config, emulation={"seed": 3})
     gel = plant_of(DeviceSettings(folder=tmp_path, config=config))
-    found = _run("client_force", robot)
+    found = _run(client_force, robot)
     expected = gel.relaxed_force(gel.depth(home))
     assert expected > 2.0
     assert found["pressed"] - found["free"] == pytest.approx(expected, rel=0.1)
@@ -210,7 +210,7 @@ def test_a_wrong_pose_is_not_reported(emulate_ur: Callable[..., Any]) -> None:
     world = SharedWorld.open(robot.folder / WORLD_FILE)
     wait_until(lambda: world.read().sequence > 0)
     assert world.read().pose.position == (0.3, -0.3, 0.2), "the true pose, before a client came"
-    with Client(__file__, "client_pose", robot) as client:
+    with Client(client_pose, robot) as client:
         assert client.line() == {"watching": True}
         before = world.read().pose.position[2]
         post_fault(robot.folder, parse_fault("robot:wrong-pose=1mm/s+1s"))
@@ -225,7 +225,7 @@ def test_a_wrong_pose_is_not_reported(emulate_ur: Callable[..., Any]) -> None:
 def test_a_person_unlocks_a_protective_stop(emulate_ur: Callable[..., Any], way: str) -> None:
     """By the control or by the dashboard; the stop can come again, and the arm moves after."""
     robot = emulate_ur(RobotModel.CB3)
-    with Client(__file__, "client_unlock", robot) as client:
+    with Client(client_unlock, robot) as client:
         for _ in range(2):
             post_fault(robot.folder, parse_fault("robot:protective-stop"))
             assert client.line() == {"bits": 4}
@@ -243,14 +243,14 @@ def test_a_person_unlocks_a_protective_stop(emulate_ur: Callable[..., Any], way:
 def test_two_threads_on_one_arm_end_the_program(emulate_ur: Callable[..., Any]) -> None:
     """A velocity during a move is a runtime error of the controller, not a choice."""
     robot = emulate_ur()
-    assert _run("client_conflict", robot) == {"runtime_state": 1}
+    assert _run(client_conflict, robot) == {"runtime_state": 1}
     assert read_events(robot.folder)[-1]["reason"] == "runtime error"
 
 
 def test_without_a_watchdog_the_arm_goes_on(emulate_ur: Callable[..., Any]) -> None:
     """As on a real arm: the client is gone and nothing stops the motion."""
     robot = emulate_ur()
-    _run("client_leave_moving", robot)
+    _run(client_leave_moving, robot)
     gone_ns = time.monotonic_ns()
     time.sleep(0.5)
     report = arm_after(read_trace(robot.folder), gone_ns, now_ns=time.monotonic_ns())
@@ -260,7 +260,7 @@ def test_without_a_watchdog_the_arm_goes_on(emulate_ur: Callable[..., Any]) -> N
 
 def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
     """After stopL the arm drives on; speedStop is what ends speedL."""
-    found = _run("client_stop_l_then_speed", emulate_ur())
+    found = _run(client_stop_l_then_speed, emulate_ur())
     assert found["after_stop_l"] == pytest.approx(-0.005)
     assert found["after_speed_stop"] == 0.0
 
@@ -316,7 +316,3 @@ def _lives(process_id: int) -> bool:
         return psutil.Process(process_id).status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return False
-
-
-if __name__ == "__main__":
-    be_client(globals())

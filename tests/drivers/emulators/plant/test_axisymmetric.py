@@ -1,6 +1,7 @@
 """The gel's finite elements against solutions that other methods and other people found."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from tacauchy_rig.core.errors import ConvergenceError
 
 PUNCH_RADIUS = 2.5e-3
 LAYER = GelDisc(radius_m=12e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)
-RIM = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=2.5e-5)
+RIM = Grading(fine_from_m=2.3e-3, fine_to_m=2.7e-3, fine_size_m=1e-4)
 
 
 class BondedPunch(GelSolver):
@@ -188,6 +189,7 @@ GRADING = Grading(fine_from_m=0.8e-3, fine_to_m=1.05e-3, fine_size_m=2.5e-5)
 DEPTH_M = 1e-5
 
 
+@cache
 def _pressed(friction: float) -> tuple[Equilibrium, TiltResponse, float]:
     """Return a shallow press into a thick gel, its tilt, and dF/d(depth)."""
     solver = GelSolver(mesh_disc(GEL, GRADING), TIP, poisson=0.3, friction=friction)

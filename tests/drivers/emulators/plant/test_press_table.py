@@ -22,7 +22,7 @@ from drivers.emulators.plant.press_table import (
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import FRICTION
 
-SMALL = PressCase(tip=SphereTip(diameter_m=4e-3), max_depth_m=0.2e-3)
+SMALL = PressCase(tip=SphereTip(diameter_m=4e-3), max_depth_m=0.1e-3)
 
 
 @pytest.fixture(autouse=True)

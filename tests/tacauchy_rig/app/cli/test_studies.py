@@ -1,9 +1,7 @@
 """``tacauchy-rig study``: what is listed, selected, measured, kept and written, and how it ends."""
 
 import json
-import os
 import shlex
-import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -21,9 +19,18 @@ from sim.studies.verification import forces
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.core import study as core
-from tacauchy_rig.core.errors import AbortedError, ConfigError, ConvergenceError, RigError
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
 from tacauchy_rig.core.study import Case, Study
 from tacauchy_rig.core.tables import Table, table_of
+from tests.tacauchy_rig.app.cli.measures import (
+    count,
+    crashes,
+    hangs,
+    interrupted,
+    nine,
+    raises,
+    two,
+)
 
 
 def test_only_round_bodies_are_moved() -> None:
@@ -139,36 +146,6 @@ def test_the_pages_command_gives_the_pages_number(tmp_path: Path) -> None:
     assert done.exit_code == 0
     force = json.loads(numbers.read_text("utf-8"))["force_n"][2]
     assert force == pytest.approx(press(scene_from(words)).force_n[2], rel=1e-8)
-
-
-def two() -> dict[str, float]:
-    """Measure a number that is small enough."""
-    return {"number": 2.0}
-
-
-def nine() -> dict[str, float]:
-    """Measure one that is not."""
-    return {"number": 9.0}
-
-
-def raises() -> None:
-    """Go wrong as a press does."""
-    raise ConvergenceError("the press stopped at 3.1 mm", remedy="press less")
-
-
-def crashes() -> None:
-    """End the process."""
-    os.abort()
-
-
-def hangs() -> None:
-    """Never come to an end."""
-    time.sleep(600)
-
-
-def interrupted() -> None:
-    """Be stopped by a person."""
-    raise KeyboardInterrupt
 
 
 class Numbers(Study):
@@ -325,12 +302,3 @@ def test_cases_of_one_process_find_what_the_one_before_loaded(jobs: int) -> None
     cases = [Case(name=f"{k}", measure=count, process=name) for k, name in enumerate("aab")]
     found = {r.name: r.found for r in core.measured(cases, jobs=jobs, limit_s=60.0)}
     assert found == {"0": 1, "1": 2, "2": 1}
-
-
-_COUNTS: list[int] = []
-
-
-def count() -> int:
-    """Return how often this was called in its process."""
-    _COUNTS.append(1)
-    return len(_COUNTS)

@@ -18,10 +18,11 @@ from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Folder, InterruptedSweepError, Processes, Work
-from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
+from tacauchy_rig.app.sweep.plan import Plan, Row, read_plan, row_hash, rows_of
 from tacauchy_rig.app.sweep.shards import Made, Shard, _columns, lists
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
+from tests.tacauchy_rig.app.sweep.stand_in import EXPECTED, SHARDS, work
 
 _HEAD = 'design = "{design}"\n{count}\n[press]\nsensor = "gelsight-mini"\n'
 _BALL = 'indenter = "sphere:diameter=6mm"\n'
@@ -120,16 +121,6 @@ def test_the_example_is_a_plan(tmp_path: Path) -> None:
     rows = rows_of(read_plan(tmp_path / "plan.toml"))
     assert len(rows) == 500
     assert {row.object.partition(":")[0] for row in rows} == {"sphere", "cylinder"}
-
-
-SHARDS = [Shard(name=f"{k:032x}", rows=(), hashes=(), simulation=Simulation()) for k in range(6)]
-EXPECTED = {shard.name: Made(shard.name.encode(), {}, 0.0) for shard in SHARDS}
-
-
-def work(shard: Shard, device: str) -> Made:
-    """Stand in for ``make_shard``."""
-    del device
-    return EXPECTED[shard.name]
 
 
 def _folder(tmp_path: Path) -> Folder:
