@@ -55,9 +55,10 @@ def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = N
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)
     change = scene.whole_image(model).light_change(circle).reshape(light.shape)
-    change = _blurred(change * model.gain(light), found.blur_px)
+    change = change * model.gain(light)
     if found.shadows is not None:
-        change = change + _darkened(found.shadows, found, circle)
+        change = change + _darkened(found.shadows, scene, circle)
+    change = _blurred(change, found.blur_px)
     levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
     if scene.markers is None:
         return levels
@@ -106,7 +107,8 @@ def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> Bal
     """Return the press with the light that its dent took away."""
     if found.shadows is None:
         return press
-    image = np.clip(np.rint(press.image - _darkened(found.shadows, found, circle)), 0, 255)
+    taken = _blurred(_darkened(found.shadows, found.scene, circle), found.blur_px)
+    image = np.clip(np.rint(press.image - taken), 0, 255)
     return replace(press, image=image.astype(np.uint8))
 
 
@@ -118,11 +120,10 @@ def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[Placed
     ]
 
 
-def _darkened(shadows: ShadowCaster, found: Calibration, circle: Circle) -> FloatArray:
+def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
     """Return the light that a press takes away, not positive, shape [height, width, 3]."""
-    gel = found.scene.pressed_image(circle).astype(np.float32)
-    taken = darkening(shadows, gel[2], gel[:2], found.scene.geometry)
-    return _blurred(taken.transpose(1, 2, 0), found.blur_px)
+    gel = scene.pressed_image(circle).astype(np.float32)
+    return darkening(shadows, gel[2], gel[:2], scene.geometry).transpose(1, 2, 0)
 
 
 def _blurred(light: RealArray, blur_px: float) -> FloatArray:
