@@ -62,7 +62,7 @@ def render_presses(
 
 def _lit(press: BallPress, circle: Circle, found: Calibration) -> PlacedPress:
     """Return a press without its shadows, in its frame's light."""
-    lit = without_shadows(press, circle, found.scene, found.shadows)
+    lit = without_shadows(press, circle, found)
     light, motion = found.scene.light(lit, circle, found.model), None
     if press.tracks is not None:
         profile, geometry = found.scene.profile, found.scene.geometry

@@ -23,7 +23,7 @@ from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, Press
 from sim.optics.markers.printed_markers import find_markers
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
-from tacauchy_rig.core.arrays import Float32Array, FloatArray
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
 
 SHADOWS, BLUR_PX = "shadows", "blur_px"  # their names in a calibration's provenance
 _EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
@@ -58,8 +58,7 @@ def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = N
     change = change * model.gain(light)
     if found.shadows is not None:
         change = change + _darkened(found.shadows, scene, circle)
-    if found.blur_px > 0.0:
-        change = np.asarray(cv2.GaussianBlur(change, (0, 0), found.blur_px), dtype=np.float64)
+    change = _blurred(change, found.blur_px)
     levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
     if scene.markers is None:
         return levels
@@ -104,20 +103,19 @@ def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration
     return replace(found, scene=replace(scene, markers=find_markers(frame) or markers))
 
 
-def without_shadows(
-    press: BallPress, circle: Circle, scene: PressScene, shadows: ShadowCaster | None
-) -> BallPress:
+def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> BallPress:
     """Return the press with the light that its dent took away."""
-    if shadows is None:
+    if found.shadows is None:
         return press
-    image = np.clip(np.rint(press.image - _darkened(shadows, scene, circle)), 0, 255)
+    taken = _blurred(_darkened(found.shadows, found.scene, circle), found.blur_px)
+    image = np.clip(np.rint(press.image - taken), 0, 255)
     return replace(press, image=image.astype(np.uint8))
 
 
 def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[PlacedPress]:
     """Return presses that a calibration was made of with the light that their dents took away."""
     return [
-        replace(each, press=without_shadows(each.press, each.circle, found.scene, found.shadows))
+        replace(each, press=without_shadows(each.press, each.circle, found))
         for each in found.placed(presses)
     ]
 
@@ -128,10 +126,16 @@ def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float
     return darkening(shadows, gel[2], gel[:2], scene.geometry).transpose(1, 2, 0)
 
 
+def _blurred(light: RealArray, blur_px: float) -> FloatArray:
+    """Return light as a camera of this blur [px] sees it, same shape."""
+    seen = cv2.GaussianBlur(light, (0, 0), blur_px) if blur_px > 0.0 else light
+    return np.asarray(seen, dtype=np.float64)
+
+
 def calibrate_with_shadows(
     presses: Sequence[BallPress], scene: PressScene, nominal: ShadowCaster
 ) -> Calibration:
-    """Fit colours, and place, size, softness and colour of the lamps' shadows.
+    """Fit colours, place, size, softness and colour of the lamps' shadows, and the blur.
 
     The search starts at the lamps of the sensor's file, or at others all around the gel where those
     explain more.
@@ -140,9 +144,11 @@ def calibrate_with_shadows(
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
-        lit = lit_presses(presses, replace(found, shadows=shadows))
-        found = calibrate_optics([each.press for each in lit], scene)
-    return replace(found, shadows=shadows)
+        known = replace(found, shadows=shadows)
+        lit = [each.press for each in lit_presses(presses, known)]
+        known = replace(calibrate_optics(lit, scene), shadows=shadows, blur_px=found.blur_px)
+        found = with_blur(presses, known)
+    return found
 
 
 def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
@@ -176,7 +182,8 @@ class _LostLight:
         scene, model = found.scene, found.model
         self._geometry = scene.geometry.refined(1.0 / _COARSE)
         self._dents = [_coarse_gel(scene, each.circle) for each in placed]
-        pressed = [PressSamples(scene, each) for each in placed]
+        self._blur_px = found.blur_px / _COARSE
+        pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
         self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
         seen = joined([each.through(model.response, model) for each in pressed])
         features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
@@ -231,11 +238,12 @@ class _LostLight:
         key = (*place, shadows.spread, shadows.softness_m)
         found = self._known.pop(key, None)
         if found is None:
-            shares = [
-                lost_share(gel[2], gel[:2], lamp, shadows, self._geometry)[place]
-                for gel, place in zip(self._dents, self._places, strict=True)
-            ]
-            found = self._beside(self._per_lost * np.concatenate(shares))
+            shares = (
+                lost_share(gel[2], gel[:2], lamp, shadows, self._geometry) for gel in self._dents
+            )
+            pairs = zip(shares, self._places, strict=True)
+            seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
+            found = self._beside(self._per_lost * np.concatenate(seen))
             if len(self._known) == _KEPT:
                 del self._known[next(iter(self._known))]
         self._known[key] = found
@@ -314,12 +322,15 @@ def calibrate_presses(
     """
     if shadows is None:
         found = calibrate_optics(presses, scene)
+        found = with_blur(presses, found) if blurred else found
     else:
         found = calibrate_with_shadows(presses, scene, shadows)
-    found = with_motion(presses, found)
-    if not blurred:
-        return found
-    placed, sharp = lit_presses(presses, found), found
+    return with_motion(presses, found)
+
+
+def with_blur(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it."""
+    placed, sharp = lit_presses(presses, found), replace(found, blur_px=0.0)
     found = replace(found, blur_px=fit_blur(placed, found))
     for _ in range(_BLUR_TURNS):
         blur_px = found.blur_px

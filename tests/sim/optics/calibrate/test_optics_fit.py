@@ -74,11 +74,11 @@ def test_light_that_shadows_took_comes_back() -> None:
     seen = BallPress(
         name="press.png", image=np.clip(np.rint(image), 0, 255).astype(np.uint8), circle=CIRCLE
     )
-    lit = without_shadows(seen, CIRCLE, bare.scene, ONE_LAMP)
+    lit = without_shadows(seen, CIRCLE, replace(bare, shadows=ONE_LAMP))
     plain = press_image(bare, CIRCLE)
     inside = (image > 1.0) & (image < 254.0)
     assert np.abs(lit.image - plain)[inside].max() <= 1.0
-    assert without_shadows(seen, CIRCLE, bare.scene, None) is seen
+    assert without_shadows(seen, CIRCLE, bare) is seen
 
 
 def _caster(azimuths_deg: tuple[float, ...], elevation_deg: float, level: float) -> ShadowCaster:
