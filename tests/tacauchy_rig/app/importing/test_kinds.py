@@ -36,7 +36,9 @@ depth = {{ column = "d", unit = "{depth}" }}
 name = "gelsight-mini"
 [rig.replay]
 indenter = "sphere:diameter=8mm"
+{rig}
 """
+TURNED = "[rig.force_sensor]\ncompression_sign = -1"
 
 
 @dataclass(slots=True)
@@ -57,8 +59,9 @@ class Folder:
 
     def write(self) -> None:
         """Write all of it."""
-        known = {"top": "", "tared": "true", "data": "", "force": "N", "depth": "mm", "columns": ""}
-        spec = SPEC.format(**{**known, "force_sign": "", **self.spec})
+        known = dict.fromkeys(("top", "data", "columns", "force_sign", "rig"), "")
+        known |= {"tared": "true", "force": "N", "depth": "mm"}
+        spec = SPEC.format(**known | self.spec)
         (self.root / "import.toml").write_text(spec)
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
         (self.root / "presses.csv").write_bytes(self.prefix + text.encode())
@@ -112,6 +115,9 @@ SCALED = {
         1, 1 / 9.80665e-3, "data.columns.force.unit", "gf", force="g"
     ),
     "compression is negative": _scaled(1, -1.0, "forces are negative", "compression_sign = -1"),
+    "it is not, and that is said": _scaled(
+        1, 1.0, "forces are negative", "compression_sign = 1", rig=TURNED
+    ),
     "and it is said": _scaled(1, -1.0, force_sign=", sign = -1"),
     "depths are negative": _scaled(2, -1.0, "depths are negative", "data.columns.depth.sign = -1"),
     "metres for millimetres": _scaled(2, 1e-3, "um deep", "m where mm", "data.columns.depth.unit"),
