@@ -120,6 +120,7 @@ def _guess(source: Source) -> Guesses:
         found.head("data")
         sure = "the only one" if len(videos) == 1 else f"{CHECK}: the first"
         found.say("video", videos[0], sure)
+        found.say("complete", False, f"{CHECK}: true if the recorder drops no frames")
         table = _largest(source, tables)
         found.say("log", table.name, "the longest table")
         _dialect(source, found, table)
