@@ -1,18 +1,21 @@
 """Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
 import io
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
+from tacauchy_rig.app.importing.images import opened
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.check.run import check_run
 from tests.tacauchy_rig.app.importing.sources import counting
 
@@ -340,3 +343,22 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     assert list(check_run(store).missed()) == []
     forces = [each.force_measured_n for each in counting(store)]
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)
+
+
+def test_progress_while_an_image_is_decoded_is_no_damage(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Another thread says on standard error how far it is: it is passed on."""
+    whole = image(np.random.default_rng(SEED), 0.4, kind=".jpg")
+    decode = cv2.imdecode
+
+    def slow(*given: Any) -> Any:
+        os.write(2, b"  2 s: importing\n")
+        return decode(*given)
+
+    monkeypatch.setattr(cv2, "imdecode", slow)
+    assert opened(whole, name="whole")[0] == SIZE
+    assert capfd.readouterr().err == "  2 s: importing\n"
+    harmed = whole[: len(whole) // 2] + whole[len(whole) // 2 + 40 :]
+    with pytest.raises(RecordError, match=r"harmed: no whole JPEG .*Corrupt JPEG data"):
+        opened(harmed, name="harmed")
