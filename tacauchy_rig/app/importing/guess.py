@@ -23,6 +23,7 @@ from tacauchy_rig.app.importing.table import (
     separator_of,
     toml_value,
 )
+from tacauchy_rig.core.arrays import BoolArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.store.durable import write_atomically
@@ -119,6 +120,7 @@ def _guess(source: Source) -> Guesses:
         found.head("data")
         sure = "the only one" if len(videos) == 1 else f"{CHECK}: the first"
         found.say("video", videos[0], sure)
+        found.say("complete", False, f"{CHECK}: true if the recorder drops no frames")
         table = _largest(source, tables)
         found.say("log", table.name, "the longest table")
         _dialect(source, found, table)
@@ -182,7 +184,8 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     found.head("data.columns")
     if column:
         found.say("image", column, "its cells name images of the folder")
-    negative = _columns(found, table, roles)
+    is_rest = np.isin(table.cells(roles["state"]), states["unloaded"]) if states else False
+    negative = _columns(found, table, roles, is_rest)
     if "indenter" in roles:
         _indenters(found, table, roles["indenter"])
     size = None
@@ -270,7 +273,9 @@ def _states(table: Table, roles: Mapping[str, str]) -> dict[str, str]:
     return {"unloaded": rest[0], "pressed": held[0]} if rest and held else {}
 
 
-def _columns(found: Guesses, table: Table, roles: Mapping[str, str]) -> str:
+def _columns(
+    found: Guesses, table: Table, roles: Mapping[str, str], is_rest: BoolArray | bool = False
+) -> str:
     """Write the columns; return why forces are taken to be negative in compression, or nothing."""
     negative = ""
     for role, column in roles.items():
@@ -280,7 +285,7 @@ def _columns(found: Guesses, table: Table, roles: Mapping[str, str]) -> str:
             continue
         unit, reason = _unit(table, column, dimension)
         value: dict[str, object] = {"column": column, "unit": unit}
-        middle = 0.0 if dimension is Dimension.TIME else _middle(table, column)
+        middle = _middle(table, column, role == "force" and is_rest)
         if role == "force" and middle < 0.0:
             negative = f'forces in "{column}" are negative (median {middle:.3g})'
         if role == "depth" and middle < 0.0:
@@ -314,10 +319,12 @@ def _tried(table: Table, column: str, unit: str) -> np.ndarray:
     return trial.numbers(Column(column=column, unit=unit), Dimension.TIME, field="")
 
 
-def _middle(table: Table, column: str) -> float:
-    """Return the median of a column's numbers that are not about zero."""
+def _middle(table: Table, column: str, is_rest: BoolArray | bool) -> float:
+    """Return the median of a column's numbers over those at rest that are not about zero."""
     numbers = _tried(table, column, "s")
-    known = numbers[np.isfinite(numbers)]
+    is_known = np.isfinite(numbers)
+    zero = numbers[is_known & is_rest]
+    known = numbers[is_known] - (np.median(zero) if len(zero) else 0.0)
     large = known[np.abs(known) > 0.2 * np.abs(known).max(initial=0.0)]
     return float(np.median(large)) if len(large) else 0.0
 

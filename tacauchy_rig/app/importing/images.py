@@ -25,6 +25,8 @@ _MODES = ("RGB", "L")
 _ORIENTATION = 0x0112
 """EXIF's tag of how a viewer is to turn an image."""
 _AS_STORED = 1
+_LIBJPEG = (b"Corrupt JPEG data", b"Premature end", b"Inconsistent progression", b"Invalid SOS")
+"""Begin its warnings of damage."""
 ASPECT = 0.02
 """Relative difference of aspect ratios that is no squeezing: of cameras whose modes are rounded."""
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
@@ -85,7 +87,8 @@ def opened(data: bytes, *, name: str) -> tuple[Size, int]:
 def _damage(data: bytes) -> str:
     """Return what libjpeg says of a JPEG while it is decoded; empty where it is whole.
 
-    It goes on behind damage, with grey or shifted blocks, and warns on standard error alone.
+    It goes on behind damage, with grey or shifted blocks, and warns on standard error alone, where
+    other threads say how far they are: that is passed on.
     """
     with tempfile.TemporaryFile() as told:
         kept = os.dup(2)
@@ -96,8 +99,10 @@ def _damage(data: bytes) -> str:
             os.dup2(kept, 2)
             os.close(kept)
         told.seek(0)
-        warning = told.readline().decode("utf-8", "replace").strip()
-    return warning or ("it cannot be decoded" if image is None else "")
+        lines = told.read().splitlines(keepends=True)
+    damage = [line.decode().strip() for line in lines if line.startswith(_LIBJPEG)]
+    os.write(2, b"".join(line for line in lines if not line.startswith(_LIBJPEG)))
+    return damage[0] if damage else "it cannot be decoded" * (image is None)
 
 
 @dataclass(slots=True, kw_only=True)

@@ -265,7 +265,7 @@ BARE = {".whl": SourceKind.TAXIM, ".npz": SourceKind.TAXIM}
 BARE |= {".mcap": SourceKind.BAG, ".db3": SourceKind.BAG}
 """Files that can be imported without an ``import.toml``."""
 KEYS = {
-    "force_sign": "rig.force_sensor.compression_sign = -1",
+    "force_sign": "rig.force_sensor.compression_sign",
     "force": "the unit of forces (data.columns.force.unit)",
     "depth_sign": "data.columns.depth.sign = -1",
     "depth": "the unit of depths (data.columns.depth.unit)",

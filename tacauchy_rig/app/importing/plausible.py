@@ -55,7 +55,8 @@ def check_presses(
     wrenches = np.array([wrench.mean(axis=0) for wrench in held]).reshape(-1, 6)
     forces = sign * wrenches[:, FZ]
     depths = np.array([press.measured_depth_m for press in presses], dtype=np.float64)
-    is_pulled = _check_sign(where, "force", "N", forces, LEAST_N, keys["force_sign"], problems)
+    turned = f"{keys['force_sign']} = {-sign}"
+    is_pulled = _check_sign(where, "force", "N", forces, LEAST_N, turned, problems)
     is_raised = _check_sign(
         where, "depth", "mm", 1e3 * depths, 1e3 * LEAST_DEPTH_M, keys["depth_sign"], problems
     )

@@ -57,6 +57,9 @@ RATED = 4
 missing in the middle one."""
 GAP = 3.0
 """Intervals of frames: a press with a longer gap has no offset of its own."""
+ENOUGH = 8
+"""Presses between which lost frames show, though the video's times do not tell them: the least with
+which no video of ``test_offsets`` that is accepted is more than a frame off."""
 LITTLE = 0.3
 """Of a frame: a step of the clock that is larger than whole frames by more is of one more."""
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
@@ -81,21 +84,28 @@ class Signal:
 
 
 def offset_to_force(
-    force: Samples, seen: Signal, found: Sequence[PressSpan], *, height: Signal | None = None
+    force: Samples,
+    seen: Signal,
+    found: Sequence[PressSpan],
+    *,
+    height: Signal | None = None,
+    losses_show: bool = True,
 ) -> CameraClock:
     """Find what is to be added to times of images for those of the force.
 
     Offset and drift are a line through the offsets of the presses. Their standard uncertainty is of
     the scatter about it, at the press or the first frame where that is largest, the interval of the
-    frames, and how far apart what an image may follow lies.
+    frames, how far apart what an image may follow lies, and losses of frames that do not show.
 
     Args:
         seen: How far the images changed, in the camera's clock.
         height: Of the tip, which images follow; without, they follow a force between one that a
             gel's memory is taken off and one that it is not.
+        losses_show: Times of images would tell that frames are missing, or none are.
 
     Raises:
-        RecordError: They do not show the same presses, or fit with several offsets.
+        RecordError: They do not show the same presses, or fit with several offsets, or frames may
+            be missing.
     """
     felt = felt_over_rests(force, found)
     followed = [felt, without_memory(felt)]
@@ -117,12 +127,21 @@ def offset_to_force(
         if np.abs(offsets_s - coarse_s).max() < 0.9 * within_s:
             break
     at_s = np.mean(whole_s, axis=1) - offsets_s.mean(axis=0) - seen.time_s[0]
-    clock = _clock(offsets_s, at_s, interval_s)
+    clock = _clock(offsets_s, at_s, interval_s, losses_show=losses_show)
+    if not losses_show and len(whole_s) < ENOUGH:
+        raise RecordError(
+            "data.complete: the video's frames have no times of their own, and "
+            f"{len(whole_s)} presses are too few to show whether some are missing",
+            remedy="state data.complete = true if the recorder drops no frames; if it may, record "
+            f"{ENOUGH} presses or more, or a video that holds the time of each frame",
+        )
     moved = Signal(time_s=aligned(seen.time_s, clock), value=seen.value)
     return replace(clock, correlation=likeness(root_of(felt), moved, 0.0))
 
 
-def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> CameraClock:
+def _clock(
+    offsets_s: FloatArray, at_s: FloatArray, interval_s: float, *, losses_show: bool
+) -> CameraClock:
     """Fit offset and drift to the offsets of presses; the correlation is left open.
 
     Args:
@@ -138,7 +157,7 @@ def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> Camera
     rms_s = math.sqrt(float((left_s**2).sum(axis=0).max()) / free)
     reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
     apart_s = float(np.ptp(reached @ line, axis=1).max())
-    hidden = _hidden(offsets_s.mean(axis=0) / interval_s, terms, reached)
+    hidden = 0.0 if losses_show else _hidden(offsets_s.mean(axis=0) / interval_s, terms, reached)
     off_s = math.hypot(hidden * interval_s, float(np.abs(left_s).max()), apart_s / 2.0)
     if off_s > interval_s:
         advance_s = 1.0 + float(np.polyfit(at_s, offsets_s.mean(axis=0), 1)[0])
@@ -153,11 +172,12 @@ def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> Camera
     leverage = np.einsum("ij,jk,ik->i", reached, np.linalg.inv(terms.T @ terms), reached)
     scatter_s = rms_s * math.sqrt(float(leverage.max()))
     single_s = interval_s if len(terms) == 1 else 0.0  # one press shows no scatter
+    spread_s = UNIFORM * math.hypot(interval_s, apart_s, 2.0 * hidden * interval_s)
     *drift, offset_s = line.mean(axis=1).tolist()
     return CameraClock(
         offset_s=offset_s,
         drift=sum(drift),
-        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, UNIFORM * apart_s),
+        uncertainty_s=math.hypot(scatter_s, single_s, spread_s),
         correlation=math.nan,
     )
 
@@ -296,8 +316,8 @@ FRAMES_MOST = 108_000
 KEPT_BYTES = 4096 * MIB
 """Of the frames at rest and held, as PNG."""
 Z = 2
-EVEN_SHARE = 0.5
-"""Of a video's interval: frames that are further from even times are of a clock of their own."""
+COUNTED_S = 1.5e-3
+"""From even times: those of frames that were only counted are rounded to a millisecond."""
 WRAPS_S = tuple(2.0**bits * unit for bits in (16, 24, 31, 32) for unit in (1.0, 1e-3, 1e-6, 1e-9))
 """After which counters of that many bits and that unit begin anew [s]."""
 Frames = Iterator[tuple[float, ImageArray]]
@@ -318,6 +338,7 @@ class VideoData(Dialect):
     log: str
     columns: LogColumns
     frame_rate: Frequency | None = Field(default=None, gt=0.0)
+    complete: bool = False
     presses: PressFinding = Field(default_factory=PressFinding)
 
 
@@ -335,9 +356,9 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
     source.problems.refuse()
     found = find_presses(force, data.presses)
-    seen, gaps = _seen(path, data)
+    seen, shows, told = _seen(path, data)
     height = None if pose is None else Signal(time_s=pose.stamp_ns / S, value=pose.value[:, Z])
-    clock = offset_to_force(force, seen, found, height=height)
+    clock = offset_to_force(force, seen, found, height=height, losses_show=shows or data.complete)
     frame_ns = np.asarray(np.rint(aligned(seen.time_s, clock) * S), dtype=np.int64)
     wanted = np.flatnonzero(needed(frame_ns, found)).tolist()
     frames = png_frames(path, data.video, {number: int(frame_ns[number]) for number in wanted})
@@ -363,7 +384,7 @@ def read_video(source: Source, data: VideoData) -> Recorded:
         has_clock=True,
         sync_mode="contact_onset",
         unknown=tuple(unknown),
-        notes=(offset, *gaps, *notes, *drift_note(found)),
+        notes=(offset, *told, *notes, *drift_note(found)),
         contact_force_n=data.presses.contact_force,
         name="video",
         clock=clock,
@@ -452,19 +473,22 @@ def _decoded_by_av(path: Path, name: str) -> Frames:
         ) from error
 
 
-def _seen(path: Path, data: VideoData) -> tuple[Signal, list[str]]:
-    """Return how far each frame is from those of the first second, and what tells their times."""
+def _seen(path: Path, data: VideoData) -> tuple[Signal, bool, list[str]]:
+    """Return how far each frame is from those of the first second, and what tells their times.
+
+    With it, whether their times tell that some are missing.
+    """
     times, kept = [], []
     for time_s, frame in _video_frames(path, data.video):
         times.append(time_s)
         small = cv2.resize(frame, (160, 120), interpolation=cv2.INTER_AREA)
         kept.append(np.asarray(small, np.uint8))
-    shown_s, note = _frame_times(np.array(times), data)
-    return Signal(time_s=shown_s, value=image_change(kept, shown_s)), note
+    shown_s, shows, told = _frame_times(np.array(times), data)
+    return Signal(time_s=shown_s, value=image_change(kept, shown_s)), shows, told
 
 
-def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[str]]:
-    """Return times of frames [s] by the file, or by the stated rate where those are even."""
+def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, bool, list[str]]:
+    """Return times of frames [s] by the file or the stated rate, and whether they tell losses."""
     step_s = np.diff(own_s)
     if len(own_s) < 3 or (not own_s[-1] > own_s[0] and data.frame_rate is None):
         raise RecordError(
@@ -472,23 +496,27 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[s
             remedy="give a whole video that ffmpeg reads, and data.frame_rate if it says none",
         )
     interval_s = float(np.median(step_s))
-    ascends, even = bool((step_s > 0.0).all()), own_s[0] + interval_s * np.arange(len(own_s))
-    is_even = bool(np.abs(own_s - even).max() <= EVEN_SHARE * interval_s)
+    ascends = bool((step_s > 0.0).all())
+    told = ["That the recorder dropped no frames is stated (data.complete)."] * data.complete
     if data.frame_rate is not None:
-        if ascends and not is_even and (gap := float(step_s.max())) > 1.5 * interval_s:
+        if ascends and (gap := float(step_s.max())) > 1.5 * interval_s:
             raise RecordError(
                 f"data.frame_rate: {data.frame_rate:g} Hz is stated, and the video has times of "
                 f"its own with a gap of {gap:.3f} s",
                 remedy="leave data.frame_rate out: the video's own times count",
             )
-        return np.arange(len(own_s)) / data.frame_rate, []
+        return np.arange(len(own_s)) / data.frame_rate, False, told
     if not ascends:
         raise RecordError(
             f"data.video: the times of {data.video!r} do not ascend", remedy="state data.frame_rate"
         )
     gaps = step_s[step_s > 1.5 * interval_s]
-    told = f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."
-    return own_s, [told] if len(gaps) else []
+    if len(gaps):
+        told.append(
+            f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."
+        )
+    even_s = np.linspace(own_s[0], own_s[-1], len(own_s))
+    return own_s, bool(np.abs(own_s - even_s).max() > COUNTED_S), told
 
 
 def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:

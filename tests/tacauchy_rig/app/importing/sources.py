@@ -188,6 +188,7 @@ kind = "video"
 name = "from-video"
 [data]
 video = "gel.avi"
+complete = true
 log = "force.csv"
 [data.columns]
 time = { column = "t", unit = "s" }

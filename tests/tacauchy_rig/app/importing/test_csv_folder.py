@@ -188,6 +188,27 @@ def test_a_spreadsheet_of_a_lab(tmp_path: Path) -> None:
     assert len({trial.place_m for trial in store.imported_trials.values()}) == len(force)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("zero_gf", [-115.0, 115.0])
+def test_a_sign_is_of_forces_over_those_at_rest(tmp_path: Path, sign: int, zero_gf: float) -> None:
+    """A cell's zero may be larger than the forces, and of the other sign."""
+    force = lab(tmp_path / "lab", np.random.default_rng(7), 4)
+    table = tmp_path / "lab" / "messung.csv"
+    head, *rows = table.read_text("utf-8-sig").splitlines()
+    shown = [head.replace("Nr;", "Nr;Zustand;")]
+    for row, newton in zip(rows, force.tolist(), strict=True):
+        cells = row.split(";")
+        for state, shot, felt in (("ruhe", "leer_digit.png", 0.0), ("last", cells[2], newton)):
+            number = comma(zero_gf + sign * felt / GF)
+            shown.append(";".join([cells[0], state, cells[1], shot, cells[3], number, *cells[5:]]))
+    table.write_text("\n".join(shown), "utf-8")
+    path, _ = write_guess(tmp_path / "lab")
+    rig = tomllib.loads(path.read_text())["rig"]
+    assert rig.get("force_sensor", {}).get("compression_sign", 1) == sign
+    store = import_run(tmp_path / "lab", parent=tmp_path)
+    assert [r.force_measured_n for r in counting(store)] == pytest.approx(force, abs=1e-5)
+
+
 def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
     """Whoever wrote it."""
     lab(tmp_path / "lab", np.random.default_rng(6), 1)

@@ -1,18 +1,21 @@
 """Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
 import io
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
+from tacauchy_rig.app.importing.images import opened
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.check.run import check_run
 from tests.tacauchy_rig.app.importing.sources import counting
 
@@ -36,7 +39,9 @@ depth = {{ column = "d", unit = "{depth}" }}
 name = "gelsight-mini"
 [rig.replay]
 indenter = "sphere:diameter=8mm"
+{rig}
 """
+TURNED = "[rig.force_sensor]\ncompression_sign = -1"
 
 
 @dataclass(slots=True)
@@ -57,8 +62,9 @@ class Folder:
 
     def write(self) -> None:
         """Write all of it."""
-        known = {"top": "", "tared": "true", "data": "", "force": "N", "depth": "mm", "columns": ""}
-        spec = SPEC.format(**{**known, "force_sign": "", **self.spec})
+        known = dict.fromkeys(("top", "data", "columns", "force_sign", "rig"), "")
+        known |= {"tared": "true", "force": "N", "depth": "mm"}
+        spec = SPEC.format(**known | self.spec)
         (self.root / "import.toml").write_text(spec)
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
         (self.root / "presses.csv").write_bytes(self.prefix + text.encode())
@@ -112,6 +118,9 @@ SCALED = {
         1, 1 / 9.80665e-3, "data.columns.force.unit", "gf", force="g"
     ),
     "compression is negative": _scaled(1, -1.0, "forces are negative", "compression_sign = -1"),
+    "it is not, and that is said": _scaled(
+        1, 1.0, "forces are negative", "compression_sign = 1", rig=TURNED
+    ),
     "and it is said": _scaled(1, -1.0, force_sign=", sign = -1"),
     "depths are negative": _scaled(2, -1.0, "depths are negative", "data.columns.depth.sign = -1"),
     "metres for millimetres": _scaled(2, 1e-3, "um deep", "m where mm", "data.columns.depth.unit"),
@@ -334,3 +343,22 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     assert list(check_run(store).missed()) == []
     forces = [each.force_measured_n for each in counting(store)]
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)
+
+
+def test_progress_while_an_image_is_decoded_is_no_damage(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Another thread says on standard error how far it is: it is passed on."""
+    whole = image(np.random.default_rng(SEED), 0.4, kind=".jpg")
+    decode = cv2.imdecode
+
+    def slow(*given: Any) -> Any:
+        os.write(2, b"  2 s: importing\n")
+        return decode(*given)
+
+    monkeypatch.setattr(cv2, "imdecode", slow)
+    assert opened(whole, name="whole")[0] == SIZE
+    assert capfd.readouterr().err == "  2 s: importing\n"
+    harmed = whole[: len(whole) // 2] + whole[len(whole) // 2 + 40 :]
+    with pytest.raises(RecordError, match=r"harmed: no whole JPEG .*Corrupt JPEG data"):
+        opened(harmed, name="harmed")
