@@ -146,8 +146,8 @@ def beyond_rules(
         ConvergenceError: An error was asked for, and nothing tells that of so deep a press.
     """
     most_m = _FITTED_SHARE * scene.pad.height_m
-    if isinstance(scene.indenter, Sphere):  # gel closes over it, and does not feel itself
-        most_m = min(most_m, scene.indenter.diameter_m)
+    if isinstance(scene.indenter, Sphere):  # farther down its side overhangs
+        most_m = min(most_m, scene.indenter.radius_m)
     if error is NOT_ASKED or depth_m <= most_m:
         return error
     if error.has_failed or ratio_min <= 0.0:

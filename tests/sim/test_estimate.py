@@ -104,7 +104,7 @@ def test_a_force_that_fell_on_the_way_is_stated_whole(found: PressOutputs) -> No
 def test_deeper_than_the_rules_go_an_error_is_the_gap_at_least_or_a_refusal(
     found: PressOutputs,
 ) -> None:
-    """Half the pad, or a ball's diameter; within, and where time was short, all stays as it is."""
+    """Half the pad, or a ball's radius; within, and where time was short, all stays as it is."""
     told = estimate_from(SCENE, PLAN, found, beside(found, 1.0))
     broken, late = failed(ConvergenceError("knotted")), failed(TimeLimitError("late"))
     within = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
