@@ -177,7 +177,8 @@ def measure(
     """Evaluate an equilibrium.
 
     Raises:
-        ConvergenceError: The gel's stress and the indenter's force contradict each other.
+        ConvergenceError: The gel's stress and the indenter's force contradict each other, or no
+            error is known of so deep a press.
     """
     model = path.model
     contact, recovered = contact_measures(path, point), surface_traction(model, point)
