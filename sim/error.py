@@ -27,7 +27,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import COARSE_RATIOS, CoarsePress, coarse_press
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
-from tacauchy_rig.core.errors import ConfigError, RigError, TimeLimitError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError, TimeLimitError
 from tacauchy_rig.core.quantities import UNITS, Dimension, parse_quantity, split_quantity
 from tacauchy_rig.core.simulated import Alternative
 
@@ -65,6 +65,8 @@ _LINEAR_RATIO, _LINEAR_ERROR = 0.75, 0.12
 # Larger changes are no longer a sign of how the error falls: where a gel slips past a sharp rim in
 # jumps, each mesh jumps at another depth. There the whole change is stated.
 _FITTED = {Output.FORCE: 0.25, Output.DEPTH: 0.15}
+# Of the pad's height: the presses that the rules were fitted to went no deeper.
+_FITTED_SHARE = 0.5
 _OF_THE_MESH = {Effect.SYMMETRY, Effect.LOCKING_FREE_ELEMENT}
 
 
@@ -76,6 +78,8 @@ class ErrorEstimate:
     # ``basis`` says how it is known, or why not.
     relative: dict[Output, float]
     basis: str
+    # The press on longer edges has failed, and not for want of time
+    has_failed: bool = False
 
     @property
     def force(self) -> float | None:
@@ -122,8 +126,40 @@ def estimated(
 def failed(error: RigError) -> ErrorEstimate:
     """Return the estimate where there is none, as a coarse press failed."""
     return ErrorEstimate(
-        relative={}, basis=f"the same press on longer edges failed: {error.message}"
+        relative={},
+        basis=f"the same press on longer edges failed: {error.message}",
+        has_failed=not isinstance(error, TimeLimitError),
     )
+
+
+def beyond_rules(
+    scene: Scene, error: ErrorEstimate, *, depth_m: float, gap: float, ratio_min: float
+) -> ErrorEstimate:
+    """Return the errors of a press, at least the gap where it went deeper than the rules' presses.
+
+    Args:
+        depth_m: How deep it went [m].
+        gap: How far the gel's stress misses the indenter's force, relative to it.
+        ratio_min: Smallest volume ratio in the gel.
+
+    Raises:
+        ConvergenceError: An error was asked for, and nothing tells that of so deep a press.
+    """
+    most_m = _FITTED_SHARE * scene.pad.height_m
+    if isinstance(scene.indenter, Sphere):  # farther down its side overhangs
+        most_m = min(most_m, scene.indenter.radius_m)
+    if error is NOT_ASKED or depth_m <= most_m:
+        return error
+    if error.has_failed or ratio_min <= 0.0:
+        why = error.basis if error.has_failed else f"gel is inside out (det F {ratio_min:.3f})"
+        raise ConvergenceError(
+            f"at {depth_m * 1e3:.4f} mm nothing tells the error: errors are known to "
+            f"{most_m * 1e3:.4g} mm, and {why}",
+            remedy="press less deep, or take a finer --preset",
+        )
+    least = {output: each and max(each, gap) for output, each in error.relative.items()}
+    basis = f"{error.basis}; deeper than {most_m * 1e3:.4g} mm, the {gap:.2%} of sigma n at least"
+    return replace(error, relative=least, basis=basis)
 
 
 def estimate_from(
@@ -157,6 +193,9 @@ def estimate_from(
         relative[output] = of_the_mesh + plan.left_out(output)
     if scene.contact is ContactMode.FRICTIONLESS:
         relative[Output.SHEAR] = 0.0
+    # Where a load falls, it came to another equilibrium; another mesh may have kept the first one.
+    fell = max(found.fell_relative, coarse.outputs.fell_relative)
+    relative[Output.FORCE] += fell
     if scene.target.force_n is None:
         del relative[Output.DEPTH]
     else:
@@ -168,6 +207,8 @@ def estimate_from(
         f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
         f"{changes[judged]:.2%}; {slope:g} times that and {rest / refinement**2:.2%}"
     )
+    if fell and judged is Output.FORCE:
+        basis += f", {fell:.2%} by which it fell in a load step"
     omitted = plan.estimated_error
     return ErrorEstimate(
         relative=relative,

@@ -13,7 +13,15 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import end_state
-from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
+from sim.error import (
+    NOT_ASKED,
+    ErrorEstimate,
+    alternatives,
+    beyond_rules,
+    estimated,
+    guaranteed,
+    setting_of,
+)
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder
@@ -169,10 +177,9 @@ def measure(
     """Evaluate an equilibrium.
 
     Raises:
-        ConvergenceError: The gel's stress and the indenter's force contradict each other.
+        ConvergenceError: The gel's stress and the indenter's force contradict each other, or no
+            error is known of so deep a press.
     """
-    judged = guaranteed(scene)
-    stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     model = path.model
     contact, recovered = contact_measures(path, point), surface_traction(model, point)
     reaction = -model.mesh.symmetry.whole_force(
@@ -182,6 +189,9 @@ def measure(
     size = float(np.linalg.norm(point.force_n))
     traction_gap, apart = stress_gaps(model, point, recovered)
     _refuse_contradiction(model, point, traction_gap, apart)
+    ratio_min, judged = point.equilibrium.min_jacobian, guaranteed(scene)
+    error = beyond_rules(scene, error, depth_m=point.depth_m, gap=traction_gap, ratio_min=ratio_min)
+    stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),
@@ -193,7 +203,7 @@ def measure(
         force_balance_relative=balance / size if size > 0.0 else 0.0,
         surface_traction_gap_relative=traction_gap,
         algorithms_apart_relative=apart,
-        min_jacobian=point.equilibrium.min_jacobian,
+        min_jacobian=ratio_min,
         gap_min_m=contact.gap_min_m,
         newton_iterations=path.counts.newton_iterations,
         wall_s=wall_s,

@@ -43,6 +43,8 @@ class PressOutputs:
     force_n: FloatArray  # on the indenter [N], shape [3]
     stiffness_n_m: float  # dF_z / d(depth) [N/m]
     depth_m: float
+    # Largest fall of F_z in a load step on the way that went deeper, over what was left of it
+    fell_relative: float
     copies: int  # mirror images that its planes of symmetry make of the gel, itself among them
     centres_m: FloatArray  # of the surface's faces at rest, shape [n, 3]
     areas_m2: FloatArray  # their areas at rest, each with its mirror images, shape [n]
@@ -147,6 +149,7 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         force_n=point.force_n,
         stiffness_n_m=point.stiffness_n_m,
         depth_m=point.depth_m,
+        fell_relative=_fall(path),
         copies=copies,
         centres_m=before[corners].mean(axis=1),
         areas_m2=copies * 0.5 * sizes,
@@ -156,6 +159,13 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         slopes=np.subtract(*units),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],
     )
+
+
+def _fall(path: LoadingPath) -> float:
+    """Return the largest fall of F_z in a step that went deeper, over F_z after it."""
+    depths, forces = np.array(path.history).T
+    deeper = (np.diff(depths) > _SAME_PLACE_M) & (forces[1:] > 0.0)
+    return float(np.max(-np.diff(forces)[deeper] / forces[1:][deeper], initial=0.0))
 
 
 def _norm(values: FloatArray, areas: FloatArray) -> float:

@@ -10,11 +10,14 @@ from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import CoarsePress, coarse_press
 from sim.error import (
+    NOT_ASKED,
     RELATIVE_COSTS,
     Tolerance,
     alternatives,
+    beyond_rules,
     estimate_from,
     estimated,
+    failed,
     keeping,
     parse_tolerance,
     setting_of,
@@ -23,7 +26,7 @@ from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError, TimeLimitError
 
 SCENE = scene_from(
     "--pad disc:radius=5mm,height=3mm --young 0.3MPa --poisson 0.46 "
@@ -85,6 +88,38 @@ def test_no_force_has_no_error(found: PressOutputs) -> None:
     told = estimate_from(SCENE, PLAN, nothing, beside(found, 1.0))
     assert told.force is None
     assert "no force" in told.basis
+
+
+def test_a_force_that_fell_on_the_way_is_stated_whole(found: PressOutputs) -> None:
+    """Under either mesh: it came to another equilibrium, which other meshes may not."""
+    coarse, slipped = beside(found, 1.0), replace(found, fell_relative=0.3)
+    usual = estimate_from(SCENE, PLAN, found, coarse).relative[Output.FORCE]
+    assert found.fell_relative == 0.0
+    for own, other in ((slipped, coarse), (found, replace(coarse, outputs=slipped))):
+        told = estimate_from(SCENE, PLAN, own, other)
+        assert told.relative[Output.FORCE] == pytest.approx(usual + 0.3)
+        assert "30.00% by which it fell" in told.basis
+
+
+def test_deeper_than_the_rules_go_an_error_is_the_gap_at_least_or_a_refusal(
+    found: PressOutputs,
+) -> None:
+    """Half the pad, or a ball's radius; within, and where time was short, all stays as it is."""
+    told = estimate_from(SCENE, PLAN, found, beside(found, 1.0))
+    broken, late = failed(ConvergenceError("knotted")), failed(TimeLimitError("late"))
+    within = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
+    deeper = within | {"depth_m": 1.6e-3, "ratio_min": 0.2}
+    assert all(beyond_rules(SCENE, each, **within) is each for each in (told, broken, late))
+    assert beyond_rules(SCENE, told, **deeper).force == 0.4
+    assert beyond_rules(SCENE, told, **deeper | {"gap": 0.0}).relative == told.relative
+    small = replace(SCENE, indenter=Sphere(diameter_m=1e-3))
+    assert beyond_rules(small, told, **within | {"ratio_min": 0.2}).force == 0.4
+    assert beyond_rules(SCENE, late, **deeper).force is None
+    assert beyond_rules(SCENE, NOT_ASKED, **deeper | {"ratio_min": -0.1}) is NOT_ASKED
+    for error, more, why in ((broken, {}, "knotted"), (told, {"ratio_min": -0.1}, "inside out")):
+        with pytest.raises(ConvergenceError, match=f"1.6000 mm nothing tells .*{why}") as refused:
+            beyond_rules(SCENE, error, **deeper | more)
+        assert "press less deep" in refused.value.remedy
 
 
 @pytest.mark.parametrize(
