@@ -40,13 +40,10 @@ BARRIER_SHARE = 0.01
 # Edges of the mesh times the pressure over E / (1 - nu^2) by which contact gives way, under a
 # rounded body and under a sharp one, whose edges would sink in.
 _GIVES, _GIVES_SHARP = 0.05, 0.02
-# The bias is known of models that give way like that, up to this factor: a mesh's edges are not
-# exactly as long as was asked.
-_SAME_GIVES = 2.0
 # Edges of the mesh at which sticking has become sliding. A tenth of it takes more evaluations and
 # changes forces by less than 1 % in the median.
 _SLIP_SHARE = 0.004
-# Edges of the mesh by which a point may overlap.
+# Edges of the mesh by which a point may overlap; in models that are made otherwise none may.
 _OVERLAP_SHARE = 0.4
 # Bias of F_z by the whole pressure, by what is not linear of it, by edges over the height and by
 # layers; by narrow contacts of rounded bodies, and of sharp ones.
@@ -135,7 +132,7 @@ def sharp(indenters: Sequence[Indenter]) -> NDArray[np.bool_]:
 
 def stiffness_of(model: Model, edged: NDArray[np.bool_]) -> FloatArray:
     """Return the stiffness of contact over E d_hat under bodies that are sharp, or are not."""
-    sharper = _GIVES / _GIVES_SHARP if _gives_way(model) else 1.0
+    sharper = _GIVES / _GIVES_SHARP if model.contact_options.overlap else 1.0
     return model.contact_options.stiffness * np.where(edged, sharper, 1.0)
 
 
@@ -148,7 +145,7 @@ def pressure_form(model: Model) -> FloatArray:
 
 def bias_of(model: Model) -> ForceBias:
     """Return the bias under a rounded body and under a sharp one; none where it is not known."""
-    if not _gives_way(model):
+    if not model.contact_options.overlap:
         return ForceBias(np.zeros((2, 3)), np.zeros((2, 4)), np.full((2, 2), np.nan))
     edge_m = edge_of(model)
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
@@ -156,10 +153,3 @@ def bias_of(model: Model) -> ForceBias:
     known = [[_WIDE * wide + _LAYERS * layered, each * narrow, wide / np.pi] for each in _NARROW]
     left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
     return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))
-
-
-def _gives_way(model: Model) -> bool:
-    """Return whether contact gives way as ``sensor_model`` lets it."""
-    contact, softness = model.contact_options, 1.0 - float(np.median(model.materials[1])) ** 2
-    gives = contact.distance_m / (contact.stiffness * edge_of(model) * softness)
-    return 1.0 / _SAME_GIVES < gives / _GIVES < _SAME_GIVES
