@@ -144,11 +144,11 @@ class Frames:
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
         form = self._device.array(pressure_form(model), wp.float64)
-        at = [descents.pressed, history.arrives, form]
+        at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*at, history.touched]),
+            record(made.wrench, points, [*at, form, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:
