@@ -67,9 +67,9 @@ class KeptInMemory:
             case Begin(trial=trial, attempt=attempt):
                 self.begun.append((trial, attempt))
             case (ForceSample(), *_):
-                self.samples += entry
+                self.samples += [each for each in entry if isinstance(each, ForceSample)]
             case (ArmSample(), *_):
-                self.states += entry
+                self.states += [each for each in entry if isinstance(each, ArmSample)]
             case JournalEvent():
                 self.events.append(entry)
             case End(record=record):
