@@ -58,8 +58,8 @@ missing in the middle one."""
 GAP = 3.0
 """Intervals of frames: a press with a longer gap has no offset of its own."""
 ENOUGH = 8
-"""Presses between which lost frames show, though the video's times do not tell them: the least with
-which no video of ``test_offsets`` that is accepted is more than a frame off."""
+"""Presses that show lost frames which the video's times do not tell: with fewer, videos of
+``test_offsets`` fit that are two frames off."""
 LITTLE = 0.3
 """Of a frame: a step of the clock that is larger than whole frames by more is of one more."""
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
@@ -104,8 +104,7 @@ def offset_to_force(
         losses_show: Times of images would tell that frames are missing, or none are.
 
     Raises:
-        RecordError: They do not show the same presses, or fit with several offsets, or frames may
-            be missing.
+        RecordError: They do not show the same presses, fit in several ways, or may lack frames.
     """
     felt = felt_over_rests(force, found)
     followed = [felt, without_memory(felt)]
@@ -474,10 +473,7 @@ def _decoded_by_av(path: Path, name: str) -> Frames:
 
 
 def _seen(path: Path, data: VideoData) -> tuple[Signal, bool, list[str]]:
-    """Return how far each frame is from those of the first second, and what tells their times.
-
-    With it, whether their times tell that some are missing.
-    """
+    """Return how far frames are from those at first, whether times tell losses, and notes."""
     times, kept = [], []
     for time_s, frame in _video_frames(path, data.video):
         times.append(time_s)
@@ -511,12 +507,10 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, bool, 
             f"data.video: the times of {data.video!r} do not ascend", remedy="state data.frame_rate"
         )
     gaps = step_s[step_s > 1.5 * interval_s]
-    if len(gaps):
-        told.append(
-            f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."
-        )
+    note = f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."
     even_s = np.linspace(own_s[0], own_s[-1], len(own_s))
-    return own_s, bool(np.abs(own_s - even_s).max() > COUNTED_S), told
+    shows = bool(np.abs(own_s - even_s).max() > COUNTED_S)
+    return own_s, shows, [*told, *[note] * bool(len(gaps))]
 
 
 def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:
