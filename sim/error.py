@@ -91,7 +91,7 @@ class ErrorEstimate:
     def beyond_rules(
         self, scene: Scene, *, depth_m: float, gap: float, ratio_min: float
     ) -> ErrorEstimate:
-        """Return these, of a press deeper than those of the rules at least the gap.
+        """Return these, with the gap of a press that went deeper than those of the rules.
 
         Args:
             depth_m: How deep it went [m].
@@ -113,9 +113,9 @@ class ErrorEstimate:
                 f"{most_m * 1e3:.4g} mm, and {why}",
                 remedy="press less deep, or take a finer --preset",
             )
-        least = {output: each and max(each, gap) for output, each in self.relative.items()}
-        basis = f"{self.basis}; {gap:.2%} between sigma n and the force at least"
-        return replace(self, relative=least, basis=basis)
+        more = {output: each and each + gap for output, each in self.relative.items()}
+        basis = f"{self.basis}, {gap:.2%} between sigma n and the force"
+        return replace(self, relative=more, basis=basis)
 
 
 NOT_ASKED = ErrorEstimate(relative={}, basis="no error was asked for")
