@@ -109,10 +109,12 @@ def test_deeper_than_the_rules_go_the_gap_is_added_or_the_press_refused(
     within = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
     deeper = within | {"depth_m": 1.6e-3, "ratio_min": 0.2}
     assert all(each.beyond_rules(SCENE, **within) is each for each in (told, broken, late))
-    assert told.beyond_rules(SCENE, **deeper).force == pytest.approx(told.force + 0.4)
+    assert told.beyond_rules(SCENE, **deeper).force == pytest.approx(
+        told.relative[Output.FORCE] + 0.4
+    )
     assert told.beyond_rules(SCENE, **deeper | {"gap": 0.0}).relative == told.relative
     small = replace(SCENE, indenter=Sphere(diameter_m=1e-3))
-    assert told.beyond_rules(small, **within | {"ratio_min": 0.2}).force > 0.4
+    assert told.beyond_rules(small, **within | {"ratio_min": 0.2}).relative[Output.FORCE] > 0.4
     assert late.beyond_rules(SCENE, **deeper).force is None
     assert NOT_ASKED.beyond_rules(SCENE, **deeper | {"ratio_min": -0.1}) is NOT_ASKED
     for error, more, why in ((broken, {}, "knotted"), (told, {"ratio_min": -0.1}, "inside out")):
