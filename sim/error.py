@@ -17,6 +17,8 @@ under balls and rims, on every preset. d counts by the share of mu that is left:
 mesh changes the shear, and without friction there is none.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 
@@ -86,6 +88,35 @@ class ErrorEstimate:
         """Relative error of F_z, or None where nothing is known."""
         return self.relative.get(Output.FORCE)
 
+    def beyond_rules(
+        self, scene: Scene, *, depth_m: float, gap: float, ratio_min: float
+    ) -> ErrorEstimate:
+        """Return these, with the gap of a press that went deeper than those of the rules.
+
+        Args:
+            depth_m: How deep it went [m].
+            gap: How far the gel's stress misses the indenter's force, relative to it.
+            ratio_min: Smallest volume ratio in the gel.
+
+        Raises:
+            ConvergenceError: An error was asked for, and nothing tells that of so deep a press.
+        """
+        most_m = _FITTED_SHARE * scene.pad.height_m
+        if isinstance(scene.indenter, Sphere):  # farther down its side overhangs
+            most_m = min(most_m, scene.indenter.radius_m)
+        if self is NOT_ASKED or depth_m <= most_m:
+            return self
+        if self.has_failed or ratio_min <= 0.0:
+            why = self.basis if self.has_failed else f"gel is inside out (det F {ratio_min:.3f})"
+            raise ConvergenceError(
+                f"at {depth_m * 1e3:.4f} mm nothing tells the error: errors are known to "
+                f"{most_m * 1e3:.4g} mm, and {why}",
+                remedy="press less deep, or take a finer --preset",
+            )
+        more = {output: each and each + gap for output, each in self.relative.items()}
+        basis = f"{self.basis}, {gap:.2%} between sigma n and the force"
+        return replace(self, relative=more, basis=basis)
+
 
 NOT_ASKED = ErrorEstimate(relative={}, basis="no error was asked for")
 
@@ -130,36 +161,6 @@ def failed(error: RigError) -> ErrorEstimate:
         basis=f"the same press on longer edges failed: {error.message}",
         has_failed=not isinstance(error, TimeLimitError),
     )
-
-
-def beyond_rules(
-    scene: Scene, error: ErrorEstimate, *, depth_m: float, gap: float, ratio_min: float
-) -> ErrorEstimate:
-    """Return the errors of a press, at least the gap where it went deeper than the rules' presses.
-
-    Args:
-        depth_m: How deep it went [m].
-        gap: How far the gel's stress misses the indenter's force, relative to it.
-        ratio_min: Smallest volume ratio in the gel.
-
-    Raises:
-        ConvergenceError: An error was asked for, and nothing tells that of so deep a press.
-    """
-    most_m = _FITTED_SHARE * scene.pad.height_m
-    if isinstance(scene.indenter, Sphere):  # farther down its side overhangs
-        most_m = min(most_m, scene.indenter.radius_m)
-    if error is NOT_ASKED or depth_m <= most_m:
-        return error
-    if error.has_failed or ratio_min <= 0.0:
-        why = error.basis if error.has_failed else f"gel is inside out (det F {ratio_min:.3f})"
-        raise ConvergenceError(
-            f"at {depth_m * 1e3:.4f} mm nothing tells the error: errors are known to "
-            f"{most_m * 1e3:.4g} mm, and {why}",
-            remedy="press less deep, or take a finer --preset",
-        )
-    least = {output: each and max(each, gap) for output, each in error.relative.items()}
-    basis = f"{error.basis}; deeper than {most_m * 1e3:.4g} mm, the {gap:.2%} of sigma n at least"
-    return replace(error, relative=least, basis=basis)
 
 
 def estimate_from(

@@ -13,15 +13,7 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import end_state
-from sim.error import (
-    NOT_ASKED,
-    ErrorEstimate,
-    alternatives,
-    beyond_rules,
-    estimated,
-    guaranteed,
-    setting_of,
-)
+from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder
@@ -190,7 +182,7 @@ def measure(
     traction_gap, apart = stress_gaps(model, point, recovered)
     _refuse_contradiction(model, point, traction_gap, apart)
     ratio_min, judged = point.equilibrium.min_jacobian, guaranteed(scene)
-    error = beyond_rules(scene, error, depth_m=point.depth_m, gap=traction_gap, ratio_min=ratio_min)
+    error = error.beyond_rules(scene, depth_m=point.depth_m, gap=traction_gap, ratio_min=ratio_min)
     stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     return PressResult(
         force_n=_vector(point.force_n),

@@ -163,6 +163,8 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
 
 def _fall(path: LoadingPath) -> float:
     """Return the largest fall of F_z in a step that went deeper, over F_z after it."""
+    if path.memories:  # gel with mass rings, and came to no other equilibrium
+        return 0.0
     depths, forces = np.array(path.history).T
     deeper = (np.diff(depths) > _SAME_PLACE_M) & (forces[1:] > 0.0)
     return float(np.max(-np.diff(forces)[deeper] / forces[1:][deeper], initial=0.0))

@@ -14,7 +14,6 @@ from sim.error import (
     RELATIVE_COSTS,
     Tolerance,
     alternatives,
-    beyond_rules,
     estimate_from,
     estimated,
     failed,
@@ -101,7 +100,7 @@ def test_a_force_that_fell_on_the_way_is_stated_whole(found: PressOutputs) -> No
         assert "30.00% by which it fell" in told.basis
 
 
-def test_deeper_than_the_rules_go_an_error_is_the_gap_at_least_or_a_refusal(
+def test_deeper_than_the_rules_go_the_gap_is_added_or_the_press_refused(
     found: PressOutputs,
 ) -> None:
     """Half the pad, or a ball's radius; within, and where time was short, all stays as it is."""
@@ -109,16 +108,18 @@ def test_deeper_than_the_rules_go_an_error_is_the_gap_at_least_or_a_refusal(
     broken, late = failed(ConvergenceError("knotted")), failed(TimeLimitError("late"))
     within = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
     deeper = within | {"depth_m": 1.6e-3, "ratio_min": 0.2}
-    assert all(beyond_rules(SCENE, each, **within) is each for each in (told, broken, late))
-    assert beyond_rules(SCENE, told, **deeper).force == 0.4
-    assert beyond_rules(SCENE, told, **deeper | {"gap": 0.0}).relative == told.relative
+    assert all(each.beyond_rules(SCENE, **within) is each for each in (told, broken, late))
+    assert told.beyond_rules(SCENE, **deeper).force == pytest.approx(
+        told.relative[Output.FORCE] + 0.4
+    )
+    assert told.beyond_rules(SCENE, **deeper | {"gap": 0.0}).relative == told.relative
     small = replace(SCENE, indenter=Sphere(diameter_m=1e-3))
-    assert beyond_rules(small, told, **within | {"ratio_min": 0.2}).force == 0.4
-    assert beyond_rules(SCENE, late, **deeper).force is None
-    assert beyond_rules(SCENE, NOT_ASKED, **deeper | {"ratio_min": -0.1}) is NOT_ASKED
+    assert told.beyond_rules(small, **within | {"ratio_min": 0.2}).relative[Output.FORCE] > 0.4
+    assert late.beyond_rules(SCENE, **deeper).force is None
+    assert NOT_ASKED.beyond_rules(SCENE, **deeper | {"ratio_min": -0.1}) is NOT_ASKED
     for error, more, why in ((broken, {}, "knotted"), (told, {"ratio_min": -0.1}, "inside out")):
         with pytest.raises(ConvergenceError, match=f"1.6000 mm nothing tells .*{why}") as refused:
-            beyond_rules(SCENE, error, **deeper | more)
+            error.beyond_rules(SCENE, **deeper | more)
         assert "press less deep" in refused.value.remedy
 
 
