@@ -23,12 +23,16 @@ def dry_run(place: Path, model: str, *options: str) -> Path:
     settings = {
         "sensor.name": str(coarse_sensor(place, 2)),
         "robot.model": model,
-        "robot.home": '["0 mm", "-400 mm", "225 mm"]',
+        "robot.home": '["0 mm", "-400 mm", "210 mm"]',
+        "robot.search_speed": "1 mm/s",
+        "robot.press_speed": "0.5 mm/s",
         "robot.watchdog": "2 Hz",
         "limits.stale_force": "500 ms",
         "limits.stale_robot": "500 ms",
         "limits.stale_image": "2 s",
         "protocol.force_targets": '["2.0 N"]',
+        "protocol.air_press_height": "5 mm",
+        "protocol.tare_duration": "0.5 s",
         "replay.preset": "fast",
     }
     arguments = [f"--set={field}={value}" for field, value in settings.items()]
