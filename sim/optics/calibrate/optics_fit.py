@@ -32,7 +32,7 @@ _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
-# Of azimuth [rad], and of the logarithms of elevation, distance and a quarter of the spread, in turn
+# In turn: of azimuth [rad] and of the logarithms of elevation, distance, a quarter of the spread
 _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
