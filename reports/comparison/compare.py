@@ -6,14 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from reports.comparison.results import (
-    RunStatistics,
-    TrialResult,
-    ValidationReport,
-    judge_model,
-    judge_modulus,
-    judge_record,
-)
+from reports.comparison.criteria import judge_model, judge_modulus, judge_record
+from reports.comparison.results import RunStatistics, TrialResult, ValidationReport
 from reports.comparison.sentences import abstract_of, limits_of, read_scores, verdict_of
 from reports.evidence.evidence import (
     EmulatedWorld,

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment
 
-from reports.comparison.results import (
+from reports.comparison.criteria import (
     COUNTS,
     COUNTS_OF_RUN,
     MARGIN,
@@ -22,8 +22,8 @@ from reports.comparison.results import (
     OFFSET,
     PREDICTION,
     RESIDUAL,
-    badness,
 )
+from reports.comparison.results import badness
 from reports.comparison.sentences import MINUS
 from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
 from reports.figures.trials import MAX_COLUMNS, shown, spread

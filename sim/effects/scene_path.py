@@ -22,11 +22,11 @@ from sim.mesh.elements import EDGES
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import SolverOptions, rough_reuse
+from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath, find_force
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, weight
 from sim.solve.path_point import PathPoint
-from sim.solve.stepping import STEP_SHARE
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.long_task import doing

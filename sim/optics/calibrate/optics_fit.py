@@ -27,14 +27,13 @@ from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
 
 SHADOWS, BLUR_PX = "shadows", "blur_px"  # their names in a calibration's provenance
 _EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
-_ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
-# Of azimuth [rad], and of the logarithms of elevation, distance and a quarter of the spread
-_STEPS = (0.2, 0.1, 0.05)
+# In turn: of azimuth [rad] and of the logarithms of elevation, distance, a quarter of the spread
+_ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
@@ -142,8 +141,8 @@ def calibrate_with_shadows(
     """
     found = calibrate_optics(presses, scene)
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
-    for _ in range(_ROUNDS):
-        shadows = _fitted(presses, found, shadows)
+    for steps in _ROUNDS:
+        shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
         lit = [each.press for each in lit_presses(presses, known)]
         known = replace(calibrate_optics(lit, scene), shadows=shadows, blur_px=found.blur_px)
@@ -151,7 +150,9 @@ def calibrate_with_shadows(
     return found
 
 
-def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
+def _fitted(
+    presses: Sequence[BallPress], found: Calibration, start: ShadowCaster, steps: Sequence[float]
+) -> ShadowCaster:
     """Search where lamps stand, one after the other, and how large; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     placed = found.placed(presses)
@@ -160,7 +161,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
     best, misfit = lost.coloured(replace(best, lamps=near))
-    for step in _STEPS:
+    for step in steps:
         moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
         for (move, index), by in product(moves, (-step, step)):
             while True:

@@ -95,7 +95,7 @@ def offset_to_force(
 
     Offset and drift are a line through the offsets of the presses. Their standard uncertainty is of
     the scatter about it, at the press or the first frame where that is largest, the interval of the
-    frames, how far apart what an image may follow lies, and losses of frames that do not show.
+    frames, and how far apart what an image may follow lies.
 
     Args:
         seen: How far the images changed, in the camera's clock.
@@ -127,13 +127,6 @@ def offset_to_force(
             break
     at_s = np.mean(whole_s, axis=1) - offsets_s.mean(axis=0) - seen.time_s[0]
     clock = _clock(offsets_s, at_s, interval_s, losses_show=losses_show)
-    if not losses_show and len(whole_s) < ENOUGH:
-        raise RecordError(
-            "data.complete: the video's frames have no times of their own, and "
-            f"{len(whole_s)} presses are too few to show whether some are missing",
-            remedy="state data.complete = true if the recorder drops no frames; if it may, record "
-            f"{ENOUGH} presses or more, or a video that holds the time of each frame",
-        )
     moved = Signal(time_s=aligned(seen.time_s, clock), value=seen.value)
     return replace(clock, correlation=likeness(root_of(felt), moved, 0.0))
 
@@ -148,7 +141,7 @@ def _clock(
         at_s: When the presses were, after the first frame, shape [n].
 
     Raises:
-        RecordError: They scatter about the line.
+        RecordError: They scatter about the line, or leave room for frames that are missing.
     """
     terms = np.vander(at_s, 2 if len(at_s) >= RATED else 1)
     line, free = np.linalg.lstsq(terms, offsets_s.T)[0], max(1, len(terms) - terms.shape[1])
@@ -157,9 +150,12 @@ def _clock(
     reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
     apart_s = float(np.ptp(reached @ line, axis=1).max())
     hidden = 0.0 if losses_show else _hidden(offsets_s.mean(axis=0) / interval_s, terms, reached)
-    off_s = math.hypot(hidden * interval_s, float(np.abs(left_s).max()), apart_s / 2.0)
+    rate = np.polyfit(at_s, offsets_s.mean(axis=0), min(1, len(at_s) - 1))
+    swayed_s = np.polyval(rate, np.append(at_s, 0.0)) - (reached @ line).mean(axis=1)
+    most_s = max(float(np.abs(each).max()) for each in (left_s, swayed_s))
+    off_s = math.hypot(hidden * interval_s, most_s, apart_s / 2.0)
     if off_s > interval_s:
-        advance_s = 1.0 + float(np.polyfit(at_s, offsets_s.mean(axis=0), 1)[0])
+        advance_s = 1.0 + (float(rate[0]) if len(rate) > 1 else 0.0)
         raise RecordError(
             f"offsets of the clocks, one a press, scatter by {rms_s:.3f} s, so that an image may "
             f"be {off_s:.3f} s off; frames are {interval_s:.3f} s apart. The log's clock advances "
@@ -168,10 +164,17 @@ def _clock(
             f"{1.0 / (advance_s * interval_s):.3f} a second; state that as data.frame_rate, or cut "
             "the video where frames are missing",
         )
+    if not losses_show and (len(terms) < ENOUGH or hidden > 0.0):
+        raise RecordError(
+            "data.complete: the video's frames have no times of their own, and its "
+            f"{len(terms)} presses do not show whether some are missing",
+            remedy="state data.complete = true if the recorder drops no frames; if it may, record "
+            f"{ENOUGH} presses or more, or a video that holds the time of each frame",
+        )
     leverage = np.einsum("ij,jk,ik->i", reached, np.linalg.inv(terms.T @ terms), reached)
     scatter_s = rms_s * math.sqrt(float(leverage.max()))
     single_s = interval_s if len(terms) == 1 else 0.0  # one press shows no scatter
-    spread_s = UNIFORM * math.hypot(interval_s, apart_s, 2.0 * hidden * interval_s)
+    spread_s = UNIFORM * math.hypot(interval_s, apart_s)
     *drift, offset_s = line.mean(axis=1).tolist()
     return CameraClock(
         offset_s=offset_s,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tacauchy_rig.app.sweep.engines import Engine
+from tacauchy_rig.app.sweep.index import write_index
 from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.app.sweep.plan import Plan, Row, made_with, sensor_of
 from tacauchy_rig.app.sweep.shards import (
@@ -23,7 +24,6 @@ from tacauchy_rig.app.sweep.shards import (
     make_shard,
     parquet,
     shards_of,
-    write_index,
 )
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import doing

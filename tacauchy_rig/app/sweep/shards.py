@@ -4,7 +4,7 @@ import hashlib
 import json
 import resource
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -26,7 +26,6 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
-from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.app.sweep.plan import (
     Plan,
     Row,
@@ -40,7 +39,6 @@ from tacauchy_rig.app.sweep.plan import (
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
-from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.versions import library
 
 # Where a press by force begins, below first touch [m].
@@ -229,8 +227,6 @@ SHARDS = "shards"
 WRENCH = ("force_x_n", "force_y_n", "force_z_n", "moment_x_nm", "moment_y_nm", "moment_z_nm")
 LARGE = ("image", "reference", "indentation_mm", "pressure_pa", "shear_pa", "markers_px")
 """Columns of the shards that the index leaves out."""
-# Of places and of objects that tests are to be of; and the size of a place [m].
-_TEST_SHARE, _PLACE_M = 0.2, 2e-3
 # What batches of presses compute with; friction where a row has some, layers where the gel has.
 _EFFECTS = {Effect.FINITE_STRAIN, Effect.LOCKING_FREE_ELEMENT}
 
@@ -309,8 +305,8 @@ def _columns(
     return {
         "hash": name,
         **{key: value for key, value in asdict(row).items() if key not in ("depth_m", "force_n")},
-        "indenter": _shown(row.indenter),
-        "object": _shown(row.object),
+        "indenter": shown(row.indenter),
+        "object": shown(row.object),
         "commanded_depth_m": row.depth_m,
         "commanded_force_n": row.force_n,
         "depth_m": float(arrays["depth_m"][place]),
@@ -329,7 +325,7 @@ def _columns(
     }
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """Return an indenter without the folder of its file."""
     return describe(indenter_of(text)) if text.startswith("mesh:") else text
 
@@ -362,46 +358,6 @@ def done_rows(folder: Path) -> dict[str, tuple[str, int]]:
             ) from error
         found |= {name: (file.name, place) for place, name in enumerate(names)}
     return found
-
-
-def write_index(folder: Path, rows: Mapping[str, Row]) -> Any:
-    """Write one row a press, in the plan's order, and return the table; all shards are there."""
-    pa, at = parquet(), done_rows(folder)
-    files = sorted({at[name][0] for name in rows})
-    scalars = [_scalars(folder / SHARDS / name) for name in files]
-    every = pa.concat_tables(scalars)
-    place = {name: number for number, name in enumerate(every["hash"].to_pylist())}
-    table = every.take([place[name] for name in rows])
-    further = {
-        "shard": [f"{SHARDS}/{at[name][0]}" for name in rows],
-        "offset": [at[name][1] for name in rows],
-        "split_place": splits(map(_place, rows.values())),
-        "split_object": splits(_shown(r.object) for r in rows.values()),
-    }
-    for name, values in further.items():
-        table = table.append_column(name, pa.array(values))
-    sink = pa.BufferOutputStream()
-    pa.parquet.write_table(table, sink, compression="zstd")
-    write_atomically(folder / INDEX, bytes(sink.getvalue()))
-    return table
-
-
-def _place(row: Row) -> str:
-    return f"{row.x_m // _PLACE_M:g},{row.y_m // _PLACE_M:g}"
-
-
-def _scalars(file: Path) -> Any:
-    reader = parquet().parquet
-    names = [name for name in reader.read_schema(file).names if name not in LARGE]
-    return reader.read_table(file, columns=names).replace_schema_metadata(None)
-
-
-def splits(groups: Iterable[str]) -> list[str]:
-    """Return ``test`` for the members of a fifth of the groups, chosen by their hashes."""
-    members = list(groups)
-    names = sorted(set(members), key=lambda name: hashlib.sha256(name.encode()).digest())
-    test = set(names[: max(1, round(_TEST_SHARE * len(names)))]) if len(names) > 1 else set()
-    return ["test" if name in test else "train" for name in members]
 
 
 def checksums(folder: Path, files: Sequence[Path]) -> dict[str, str]:

@@ -7,15 +7,14 @@ from types import SimpleNamespace
 import pytest
 
 from reports.comparison.compare import compare
-from reports.comparison.results import (
+from reports.comparison.criteria import (
     MODULUS,
     MODULUS_TRIALS,
     PREDICTION,
-    ValidationReport,
-    headline_of,
     judge_model,
     judge_modulus,
 )
+from reports.comparison.results import ValidationReport, headline_of
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import ForceMargin
 from tacauchy_rig.core.run import Criterion

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.comparison.results import MAX_SETTLED_CHANGE
+from reports.comparison.criteria import MAX_SETTLED_CHANGE
 from reports.evidence.attempt import (
     AttemptReading,
     crop_and_resize,

@@ -18,10 +18,10 @@ from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Sphere, tilted
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
+from sim.solve.load_steps import CarryPhase, ForcePhase, Phase
 from sim.solve.loading_path import LoadingPath, find_force
 from sim.solve.model import Model
 from sim.solve.starts import base_depth_m, faces_gel
-from sim.solve.stepping import CarryPhase, ForcePhase, Phase
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
 from tests.sim.test_press import small_model
 

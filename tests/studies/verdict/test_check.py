@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from reports.comparison.compare import compare
-from reports.comparison.results import judge_modulus
+from reports.comparison.criteria import judge_modulus
 from tests.reports.conftest import run_evidence
 from tests.studies.verdict.command import (
     Finding,
