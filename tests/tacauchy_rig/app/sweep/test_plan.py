@@ -287,8 +287,9 @@ def test_an_index_leads_to_images_fields_and_the_frame_without_contact(
         shape = json.loads(shard.schema.field("pressure_pa").metadata[b"shape"])
         cell_m2 = (8 * 0.0634e-3) ** 2
         carried = np.reshape(found["pressure_pa"], shape).sum() * cell_m2
-        # The mesh's own force, without its correction, and cells that cut the contact's edge.
-        assert 0.8 < carried / row["force_z_n"] < 1.6
+        # The mesh's own force, without its correction of at most a half, which edges of 5 mm nearly
+        # reach, and cells that cut the contact's edge.
+        assert 0.8 < carried / row["force_z_n"] < 2.2
         deepest = float(np.nanmax(np.array(found["indentation_mm"], float)))
         assert abs(deepest * 1e-3 - row["depth_m"]) < 0.05e-3
 
