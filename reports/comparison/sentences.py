@@ -236,7 +236,7 @@ def _fits(model: ReplayModel, evidence: RunEvidence) -> Iterator[Fit]:
             value=f"{most}{moved_mm:.3f} mm from the stated place",
             source="the images of these same presses",
             in_sample=True,
-            effect="Image scores are in-sample. The distance counts as contact offset.",
+            effect="Image scores are in-sample. The contact offset includes this distance.",
         )
 
 

@@ -37,7 +37,7 @@ def test_the_abstract_can_be_quoted(report: ValidationReport, evidence: RunEvide
     assert report.abstract.startswith("In 6 presses on emulated devices at forces between 1.2")
     assert f"SSIM of {ssim:.3f} against {floor:.3f} for the no-contact image" in report.abstract
     assert re.search(r"\([+−]\d+\.\d ± \d+\.\d\) % on average", report.abstract)
-    assert " (a single press: at least ± 4 % to 5 %)" in report.abstract
+    assert " with errors that all presses share: at least ± 4 % to 5 %)" in report.abstract
     assert report.abstract.count(". ") == 0
     assert compare(replace(evidence, trials=())).abstract == ""
 
