@@ -11,6 +11,18 @@ from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.run import Criterion, Outcome
 from tacauchy_rig.core.simulated import ReplayModel
 
+MARGIN, RESIDUAL, OFFSET, PREDICTION, MODULUS, MODULUS_TRIALS = (
+    "force_margin",
+    "contact_residual",
+    "contact_offset",
+    "predicted_force",
+    "modulus_factor",
+    "modulus_trials",
+)
+COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
+COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
+"""Criteria that a wrong model can miss; what holds by construction is not among them."""
+
 MAX_SETTLED_CHANGE = 0.05
 """Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves
 by 0.06 N in a dwell, 5 % of the lightest press. Gels creep by 5 to 8 % in all, mostly before."""
@@ -56,16 +68,6 @@ def _protocol(trial: TrialEvidence) -> Criterion:
     return Criterion.judged(
         "press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy
     )
-
-
-MARGIN, RESIDUAL, OFFSET, PREDICTION, MODULUS, MODULUS_TRIALS = (
-    "force_margin",
-    "contact_residual",
-    "contact_offset",
-    "predicted_force",
-    "modulus_factor",
-    "modulus_trials",
-)
 
 
 def judge_model(
@@ -219,8 +221,3 @@ def judge_modulus(model: ReplayModel | None, thresholds: ReportSection) -> Itera
         remedy='replay with replay.modulus = "stated", or press more trials: the fit'
         " omits depths that no simulated press reached",
     )
-
-
-COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
-COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
-"""Criteria that a wrong model can miss; what holds by construction is not among them."""

@@ -78,7 +78,7 @@ def sweep(
     expected = estimate(plan, rows)
     say(
         f"{len(rows)} presses: about {expected.processor_s / 60.0:.1f} min of one core without "
-        f"others, {expected.size_bytes / 1e6:.0f} MB"
+        f"others, {expected.size_bytes / 1e6:.1f} MB"
     )
     if dry_run or out is None:
         return

@@ -310,6 +310,6 @@ def _check_space(out: Path, needed: Estimate) -> None:
         raise ConfigError(f"--out {out}: {error.strerror}", remedy="name another folder") from error
     if free < needed.size_bytes:
         raise RecordError(
-            f"{out}: {free / 1e6:.0f} MB free; the presses need {needed.size_bytes / 1e6:.0f} MB",
+            f"{out}: {free / 1e6:.1f} MB free; the presses need {needed.size_bytes / 1e6:.1f} MB",
             remedy="free some space, give --out another disk, or press fewer with --limit",
         )
