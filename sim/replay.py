@@ -11,12 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from sim.correction import correction
-from sim.effects.effect_plan import EffectPlan
-from sim.effects.outputs import outputs_of
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import CoarsePath, end_state, path_for
-from sim.error import (
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import CoarsePath, end_state, path_for
+from sim.error_and_tolerance import (
     ErrorEstimate,
     Tolerance,
     alternatives,
@@ -34,6 +33,7 @@ from sim.fields.press_fields import (
     trial_fields,
 )
 from sim.mesh.elements import ElementOrder
+from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target

@@ -2,7 +2,7 @@
 
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.force import Contact
+from protocols.guard.force_limits import Contact
 from protocols.steps.motion import (
     SLOW_M_S,
     at_height,

@@ -13,11 +13,11 @@ from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.depth import DepthGuard, Floor, search_floor
-from protocols.guard.force import Contact
+from protocols.guard.depth_limits import DepthGuard, Floor, search_floor
+from protocols.guard.force_limits import Contact
 from protocols.steps.motion import come_to_rest, downward, listen, summarise
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
+from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO
 from tacauchy_rig.core.run import TrialRecord
 
 AVERAGED_SAMPLES = 3

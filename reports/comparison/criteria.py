@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence import TrialEvidence
-from reports.scores.contact import ContactScores, Corrections, PoseResidual
-from reports.scores.floors import ForceMargin
-from reports.scores.force_agreement import ForceAgreement
+from reports.scores.contact_scores import ContactScores, Corrections, PoseResidual
+from reports.scores.floors_and_ceilings import ForceMargin
+from reports.scores.force_uncertainty import ForceAgreement
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.run import Criterion, Outcome
 from tacauchy_rig.core.simulated import ReplayModel

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.batch.contact_correction import (
+from sim.batch.contact_inverse_kernels import (
     CAPACITY,
     WIDE,
     Correction,

@@ -6,10 +6,10 @@ It goes on as soon as it has arrived, whatever the others do.
 
 import warp as wp
 
-from sim.contact.contact_kernels import GripArrays
+from sim.contact.barrier_and_friction_kernels import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
-from sim.solve.memory_kernels import Memory
+from sim.solve.lbfgs_kernels import Memory
 
 # A step continues the one before if it is so many times as long at most, and leads the same way.
 _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))

@@ -7,7 +7,7 @@ import warp as wp
 
 from sim.batch import frame_kernels as kernels
 from sim.batch.sensor_model import ForceBias, pressure_form
-from sim.contact.contact_kernels import Pressed
+from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray

@@ -3,7 +3,6 @@
 from dataclasses import fields, replace
 
 from sim.contact.contact_surface import ContactOptions
-from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import (
     MeshKind,
@@ -16,8 +15,9 @@ from sim.effects.mesh_choice import (
     sharp_edge_m,
     wild_sizing,
 )
+from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.material.elastic_body import element_constants
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim.mesh.elements import FACES
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 _SAME_POINT = 1e-9
 # The nodes of faces and tetrahedra, linear and quadratic, in the order of their mirror image.

@@ -13,9 +13,8 @@ from typing import Any
 
 import warp as wp
 
-from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_descent
 from sim.solve.descent_state import Act, Descent, Evaluated, Limits, Mode, Pull, Status
-from sim.solve.memory_kernels import (
+from sim.solve.lbfgs_kernels import (
     Memory,
     add_all,
     first_loop,
@@ -23,6 +22,15 @@ from sim.solve.memory_kernels import (
     products_with,
     second_loop,
     wait_for_all,
+)
+from sim.solve.line_search_and_convergence import (
+    CUT,
+    FAR,
+    NOTHING_AT_ALL,
+    Sum,
+    Sums,
+    decide,
+    finds_no_descent,
 )
 
 # With an inverse that is never made anew many steps in turn are too long in the same way: each is

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from tacauchy_rig.core.store.durable import writing
+from tacauchy_rig.core.store.atomic_write import writing
 
 COLUMN_IN = 3.5
 PAGE_IN = 7.16

@@ -15,12 +15,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from drivers.camera.pictures import jpeg_size
-from protocols.processes.child import ignore_signals, run_child
+from drivers.camera.frame_checks import jpeg_size
+from protocols.processes.child_process import ignore_signals, run_child
 from protocols.processes.messages import AbortRequest, Channel, FeedReader, Job, Order, feed_readers
 from protocols.processes.page.access import AccessRule
-from protocols.processes.page.view import View
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, media_type
+from protocols.processes.page.page_state import View
+from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg, media_type
 from tacauchy_rig.core.run import JournalEvent
 
 PERIOD_S = 0.1

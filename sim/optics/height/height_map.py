@@ -28,8 +28,8 @@ from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.press_fields import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
-from sim.optics.height import node_kernel as kernels
-from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
+from sim.optics.height import slope_kernel as kernels
+from sim.optics.height.pixel_height_kernel import BARE_M, View, bound_heights, draw_facets
 from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry

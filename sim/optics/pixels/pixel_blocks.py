@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.optics.pixels.pixel_kernel import Layout
+from sim.optics.pixels.blur_and_exposure_kernel import Layout
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 

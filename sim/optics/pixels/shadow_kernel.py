@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from sim.device import start_warp
-from sim.optics.pixels.pixel_kernel import Layout, place_of
+from sim.optics.pixels.blur_and_exposure_kernel import Layout, place_of
 
 start_warp()
 

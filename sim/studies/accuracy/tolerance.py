@@ -10,11 +10,10 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
-from sim.correction import Corrected, Setting, correction
-from sim.effects.outputs import outputs_of
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import coarse_press, end_state, follow, path_for
-from sim.error import (
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import coarse_press, end_state, follow, path_for
+from sim.error_and_tolerance import (
     FAST,
     RELATIVE_COSTS,
     Tolerance,
@@ -23,12 +22,13 @@ from sim.error import (
     parse_tolerance,
     setting_of,
 )
-from sim.press_command import scene_from
+from sim.mesh_bias_correction import Corrected, Setting, correction
+from sim.press_arguments import scene_from
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies import from_file
-from sim.studies.accuracy.judging import COARSENING, Limit, extrapolated
+from sim.studies.accuracy.reference_errors import COARSENING, Limit, extrapolated
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.markdown_page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
 
 COST_WANTED, KEPT_WANTED = 2.0, 0.9

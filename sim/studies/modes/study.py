@@ -23,7 +23,7 @@ from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arr
 from sim.fields.stress import recovered_stress
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.modes.runs import (

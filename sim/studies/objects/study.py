@@ -14,8 +14,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer

@@ -259,7 +259,7 @@ def accuracy(
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
     import numpy as np
 
-    from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
+    from reports.scores.image_metrics import structural_similarity_index, zero_mean_correlation
     from sim.optics.render.renderer import GREY_LEVEL
 
     inside = maps.contact
@@ -350,7 +350,7 @@ def paper(
         report (RUN): Keep this run's scores among the benchmarks, in place of those kept before;
             may be repeated.
     """
-    from sim.studies.paper.kept import REPORTS_FILE, of_run
+    from sim.studies.paper.kept_results import REPORTS_FILE, of_run
     from sim.studies.paper.study import Paper
 
     if report:

@@ -18,7 +18,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.app.sweep.names import EngineName
+from tacauchy_rig.app.sweep.engine_names import EngineName
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ def sweep(
             remedy="`tacauchy-rig sweep --example > plan.toml` writes a plan",
         )
     from tacauchy_rig.app.sweep.plan import read_plan, rows_of
-    from tacauchy_rig.app.sweep.run import estimate
-    from tacauchy_rig.app.sweep.run import sweep as run
+    from tacauchy_rig.app.sweep.run_sweep import estimate
+    from tacauchy_rig.app.sweep.run_sweep import sweep as run
     from tacauchy_rig.core.long_task import doing
 
     plan = read_plan(plan_file)

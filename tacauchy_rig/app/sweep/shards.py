@@ -38,7 +38,7 @@ from tacauchy_rig.app.sweep.plan import (
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.versions import library
 
 # Where a press by force begins, below first touch [m].

@@ -4,7 +4,7 @@ from contextlib import closing
 
 import pytest
 
-from protocols.control.record import Begin
+from protocols.control.journal_and_rates import Begin
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.messages import FeedWriters
 from protocols.steps.tare import take_tare

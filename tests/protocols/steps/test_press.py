@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from drivers.emulators.faults import parse_fault
 from protocols.guard.breach import BreachError
-from protocols.guard.depth import BEYOND_M
-from protocols.guard.force import Contact
+from protocols.guard.depth_limits import BEYOND_M
+from protocols.guard.force_limits import Contact
 from protocols.steps.motion import approach
 from protocols.steps.press import ForceServo, search_contact
 from protocols.steps.tare import take_tare

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
-from sim.mesh.discretisation import Discretisation, discretise
+from sim.mesh.clamping_and_sparsity import Discretisation, discretise
 from sim.mesh.elements import (
     ElementOrder,
     boundary_faces,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effects.scene_path import path_for
+from sim.effects.press_with_effects import path_for
 from sim.press import press
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder

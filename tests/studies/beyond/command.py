@@ -16,7 +16,7 @@ import typer
 
 import sim.press as press_module
 from sim.press import PressResult, press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Preset, Scene, Target
 from tacauchy_rig.app.cli.studies import study_command

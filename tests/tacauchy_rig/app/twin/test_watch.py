@@ -13,8 +13,8 @@ import pytest
 from protocols.processes.messages import Shown
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.twin import follower
-from tacauchy_rig.app.replay.reading import open_run
-from tacauchy_rig.app.twin.twin import (
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.twin.run_follower import (
     FRAMES_PER_S,
     MAPS_EVERY,
     STALE_NS,
