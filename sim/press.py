@@ -8,18 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from sim.accuracy import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import end_state
-from sim.error_and_tolerance import (
-    NOT_ASKED,
-    ErrorEstimate,
-    alternatives,
-    estimated,
-    guaranteed,
-    setting_of,
-)
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder

@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from reports.scores.floors_and_ceilings import trial_floors as trial_floors
+    from reports.scores.floor_and_ceiling import trial_floors as trial_floors
     from reports.scores.image_metrics import score as score
     from sim.batch.batch import Batch as Batch
     from sim.batch.sensor_model import sensor_model as sensor_model
@@ -75,7 +75,7 @@ _PUBLIC = {
     "Sphere": "sim.scene.indenter:Sphere",
     "surface_traction": "sim.fields.contact_traction:surface_traction",
     "Target": "sim.scene.scene:Target",
-    "trial_floors": "reports.scores.floors_and_ceilings:trial_floors",
+    "trial_floors": "reports.scores.floor_and_ceiling:trial_floors",
 }
 """Where each public name is defined, ``module:name``; the imports above say the same."""
 

@@ -16,15 +16,7 @@ from typing import Any, Self
 from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import Launched, launch_children
-from protocols.processes.messages import (
-    AbortRequest,
-    Ack,
-    Job,
-    Order,
-    PageOptions,
-    Ready,
-    ViewerOptions,
-)
+from protocols.processes.ipc import AbortRequest, Ack, Job, Order, PageOptions, Ready, ViewerOptions
 from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial

@@ -6,10 +6,13 @@ from dataclasses import dataclass, field
 
 from reports.comparison.criteria import COUNTS, COUNTS_OF_RUN, MARGIN
 from reports.evidence.evidence import RunEvidence, StreamSummary, TruthComparison
-from reports.scores.contact_scores import ContactScores, Corrections
-from reports.scores.floors_and_ceilings import Ceiling, Floors, ForceMargin, Skill, WrongForceMatrix
+from reports.scores.confidence_interval import MeanInterval
+from reports.scores.contact_scores import ContactScores
+from reports.scores.floor_and_ceiling import Ceiling, Floors, Skill
 from reports.scores.force_uncertainty import ForceAgreement
-from reports.scores.image_metrics import ImageScores, MeanInterval
+from reports.scores.image_metrics import ImageScores
+from reports.scores.pose_and_light_residual import Corrections
+from reports.scores.wrong_forces import ForceMargin, WrongForceMatrix
 from tacauchy_rig.core.run import Criterion
 
 

@@ -16,32 +16,28 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TruthComparison,
 )
-from reports.scores.contact_scores import correct, score_contact, touched
-from reports.scores.floors_and_ceilings import (
+from reports.scores.confidence_interval import MeanInterval, t_interval
+from reports.scores.contact_scores import score_contact, touched
+from reports.scores.floor_and_ceiling import (
     Ceiling,
-    CrossScores,
     Floors,
-    ForceMargin,
     Skill,
-    WrongForceMatrix,
-    contact_residuals,
-    cross_scores,
-    force_margins,
     score_noise,
     skill,
     trial_ceiling,
     trial_floors,
-    wrong_force_matrices,
 )
 from reports.scores.force_uncertainty import Scatter, compare_force, scatter_between
-from reports.scores.image_metrics import (
-    ImageScores,
-    MeanInterval,
-    Metric,
-    finite,
-    psnr_of_mean_mse,
-    score,
-    t_interval,
+from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_mean_mse, score
+from reports.scores.pose_and_light_residual import correct
+from reports.scores.wrong_forces import (
+    CrossScores,
+    ForceMargin,
+    WrongForceMatrix,
+    contact_residuals,
+    cross_scores,
+    force_margins,
+    wrong_force_matrices,
 )
 from tacauchy_rig.core.image_codec import to_grey
 from tacauchy_rig.core.run import FZ

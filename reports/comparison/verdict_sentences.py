@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 from reports.comparison.result_types import RunStatistics, TrialResult, headline_of, worst_of
 from reports.evidence.evidence import RunEvidence
-from reports.scores.floors_and_ceilings import CeilingKind, SkillStatus, WrongForceMatrix
+from reports.scores.floor_and_ceiling import CeilingKind, SkillStatus
 from reports.scores.image_metrics import Metric
 from reports.scores.residual_causes import UNMENDABLE
+from reports.scores.wrong_forces import WrongForceMatrix
 from tacauchy_rig.core.markdown_page import sentences
 from tacauchy_rig.core.run import Criterion, Outcome
 from tacauchy_rig.core.simulated import ReplayModel

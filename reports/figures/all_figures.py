@@ -67,7 +67,7 @@ def draw_some(
     """Draw and write those of some figures that there is data for; return their names."""
     from matplotlib import rc_context  # noqa: PLC0415 - only where figures are drawn
 
-    from tacauchy_rig.core.figure_style import STYLE, save_figure  # noqa: PLC0415
+    from tacauchy_rig.core.plot_style import STYLE, save_figure  # noqa: PLC0415
 
     drawers = load_drawers()
     drawn = [name for name in names if FIGURES[name](shown)]

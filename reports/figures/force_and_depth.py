@@ -12,7 +12,7 @@ from reports.comparison.result_types import TrialResult, ValidationReport
 from reports.evidence.evidence import Curve, RunEvidence, TrialEvidence
 from reports.figures.trial_axis import force_title, shown
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.figure_style import (
+from tacauchy_rig.core.plot_style import (
     BLUE,
     COLUMN_IN,
     GREEN,

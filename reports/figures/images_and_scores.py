@@ -24,18 +24,9 @@ from reports.figures.differences import (
     luminance_difference,
 )
 from reports.figures.trial_axis import force_label, force_title, label_forces, shown
-from reports.scores.floors_and_ceilings import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.image_metrics import ImageScores, Metric
-from tacauchy_rig.core.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE_IN,
-    letter,
-    new_figure,
-)
+from reports.scores.wrong_forces import CONTACT_RESIDUAL, WrongForceMatrix
+from tacauchy_rig.core.plot_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
 
 SCALE_BAR_M = 5e-3
 MARGINS_IN = 0.9

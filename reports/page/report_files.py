@@ -16,8 +16,9 @@ from reports.evidence.evidence import RunEvidence
 from reports.figures.all_figures import draw_figures
 from reports.figures.differences import color_difference, difference_scale, luminance_difference
 from reports.page.report_html import is_unknown, passing_states, render_html
-from reports.scores.floors_and_ceilings import NOISE_MULTIPLE
-from reports.scores.image_metrics import CONFIDENCE, Metric
+from reports.scores.confidence_interval import CONFIDENCE
+from reports.scores.floor_and_ceiling import NOISE_MULTIPLE
+from reports.scores.image_metrics import Metric
 from tacauchy_rig.core.config.load import leaves
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import encode_png

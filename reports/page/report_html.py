@@ -27,7 +27,7 @@ from reports.comparison.result_types import badness
 from reports.comparison.verdict_sentences import MINUS
 from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
 from reports.figures.trial_axis import MAX_COLUMNS, shown, spread
-from reports.scores.floors_and_ceilings import SkillStatus
+from reports.scores.floor_and_ceiling import SkillStatus
 from reports.scores.image_metrics import Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.image_codec import data_url, encode_jpeg

@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from reports.evidence.evidence import TrialEvidence
-from reports.scores.image_metrics import student_t
+from reports.scores.confidence_interval import student_t
 from tacauchy_rig.core.config.stated_uncertainty import Stated
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import FZ

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Sobol
 
+from sim.accuracy import Tolerance, keeping_corrected
 from sim.batch.batch import Batch
 from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
-from sim.error_and_tolerance import Tolerance, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
 from sim.scene.pad import BoxPad

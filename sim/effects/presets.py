@@ -20,8 +20,9 @@ from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor

@@ -22,8 +22,9 @@ from sim.mesh.elements import EDGES
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import SolverOptions, rough_reuse
+from sim.solve.force_search import find_force
 from sim.solve.load_steps import STEP_SHARE
-from sim.solve.loading_path import Hold, LoadingPath, find_force
+from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia, weight

@@ -4,11 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim.effects.effect_choice import plan_effects
-from sim.effects.planned_effects import EffectPlan
-from sim.effects.press_outputs import PressOutputs
-from sim.effects.press_with_effects import CoarsePress, coarse_press
-from sim.error_and_tolerance import (
+from sim.accuracy import (
     NOT_ASKED,
     RELATIVE_COSTS,
     Tolerance,
@@ -20,6 +16,10 @@ from sim.error_and_tolerance import (
     parse_tolerance,
     setting_of,
 )
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import PressOutputs
+from sim.effects.press_with_effects import CoarsePress, coarse_press
 from sim.mesh_bias_correction import Setting
 from sim.press import press
 from sim.press_arguments import scene_from

@@ -17,8 +17,8 @@ from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy import reference_errors
 from sim.studies.accuracy.tolerance import HELD_OUT, SEEN_BEFORE, check_tolerance, tolerance_table
-from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.markdown_page import prose, table_prose
+from tacauchy_rig.core.plot_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
 

@@ -10,10 +10,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
-from sim.effects.effect_choice import plan_effects
-from sim.effects.press_outputs import outputs_of
-from sim.effects.press_with_effects import coarse_press, end_state, follow, path_for
-from sim.error_and_tolerance import (
+from sim.accuracy import (
     FAST,
     RELATIVE_COSTS,
     Tolerance,
@@ -22,6 +19,9 @@ from sim.error_and_tolerance import (
     parse_tolerance,
     setting_of,
 )
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import coarse_press, end_state, follow, path_for
 from sim.mesh_bias_correction import Corrected, Setting, correction
 from sim.press_arguments import scene_from
 from sim.scene.scene import Preset, Scene, Target

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sim.accuracy import Tolerance, keeping, setting_of
 from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.press_with_effects import path_for
-from sim.error_and_tolerance import Tolerance, keeping, setting_of
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms

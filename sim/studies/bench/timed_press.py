@@ -11,12 +11,12 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from sim.accuracy import keeping, keeping_corrected, parse_tolerance
 from sim.batch.batch import Batch, BatchForces, BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.effects.effect_choice import PRESET_TOLERANCE, plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import carried_over, has_own_way, path_for, way_of
-from sim.error_and_tolerance import keeping, keeping_corrected, parse_tolerance
 from sim.fields.stress import StressProjection
 from sim.mesh_bias_correction import correction
 from sim.optics.surface_images import SurfaceImages

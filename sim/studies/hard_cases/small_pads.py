@@ -8,8 +8,9 @@ from sim.contact.contact_surface import ContactOptions, Grip
 from sim.material.laws.law_and_tangent import law
 from sim.mesh.brick_refinement import kuhn_tets
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, oriented
+from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad

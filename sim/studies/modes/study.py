@@ -37,7 +37,7 @@ from sim.studies.modes.runs import (
 )
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.figure_style import INK, PAGE_IN
+from tacauchy_rig.core.plot_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table
 

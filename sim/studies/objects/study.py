@@ -27,7 +27,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.equilibrium import SolverOptions
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.figure_style import INK, PAGE_IN
+from tacauchy_rig.core.plot_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table, table_of
 

@@ -31,8 +31,8 @@ from sim.studies.paper.presses import (
     rest_stress_pa,
     scenes,
 )
-from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, SKY, new_figure
 from tacauchy_rig.core.markdown_page import page
+from tacauchy_rig.core.plot_style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, SKY, new_figure
 from tacauchy_rig.core.study import About, Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
 from tacauchy_rig.core.versions import machine, versions

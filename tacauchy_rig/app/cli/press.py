@@ -133,9 +133,9 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
+    from sim.accuracy import alternatives, costs_of, guaranteed, setting_of
     from sim.effects.effect_choice import plan_effects
     from sim.effects.mesh_choice import mesh_choice
-    from sim.error_and_tolerance import alternatives, costs_of, guaranteed, setting_of
     from sim.press_arguments import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))

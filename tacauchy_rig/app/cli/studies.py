@@ -216,7 +216,7 @@ class _Runner:
     def _drawn(self, page: Path) -> list[Path]:
         from matplotlib import rc_context
 
-        from tacauchy_rig.core.figure_style import FRAMED_STYLE, STYLE, save_figure
+        from tacauchy_rig.core.plot_style import FRAMED_STYLE, STYLE, save_figure
 
         with ExitStack() as spare, rc_context(FRAMED_STYLE if self.study.is_framed else STYLE):
             folder = page.parent

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeVar
 
+from sim.accuracy import Tolerance, keeping, parse_tolerance, setting_of
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_and_tolerance import Tolerance, keeping, parse_tolerance, setting_of
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere

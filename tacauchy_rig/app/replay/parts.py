@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reports.evidence.read_attempt import AttemptReading, RunReading
-from sim.error_and_tolerance import Tolerance
+from sim.accuracy import Tolerance
 from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.settings import RigConfig

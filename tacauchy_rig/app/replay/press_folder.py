@@ -21,7 +21,7 @@ from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
+from tacauchy_rig.core.plot_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import ReplayFields, pack_arrays, write_fields
 

@@ -13,9 +13,9 @@ from reports.evidence.evidence import TrialImages
 from reports.evidence.read_attempt import AttemptReading, RunReading
 from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
+from sim.accuracy import Tolerance
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.error_and_tolerance import Tolerance
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter

@@ -19,8 +19,8 @@ import numpy as np
 
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
 from reports.evidence.read_attempt import RunReading
+from sim.accuracy import setting_of
 from sim.effects.effect_choice import plan_effects
-from sim.error_and_tolerance import setting_of
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.replay import (
     History,

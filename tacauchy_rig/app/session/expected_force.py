@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 
+from sim.accuracy import estimated
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import path_for
-from sim.error_and_tolerance import estimated
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset

@@ -7,7 +7,8 @@ from typing import Any
 
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.plan import Row
-from tacauchy_rig.app.sweep.shards import LARGE, SHARDS, done_rows, parquet, shown
+from tacauchy_rig.app.sweep.resume import done_rows
+from tacauchy_rig.app.sweep.shards import LARGE, SHARDS, parquet, shown
 from tacauchy_rig.core.store.atomic_write import write_atomically
 
 # Of places and of objects that tests are to be of; and the size of a place [m].

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from protocols.processes.messages import Shown, ViewerOptions
+from protocols.processes.ipc import Shown, ViewerOptions
 from reports.evidence.evidence import ImageGeometry
 from reports.evidence.read_attempt import AttemptReading, RunReading, crop_and_resize, median_image
 from reports.scores.contact_scores import (

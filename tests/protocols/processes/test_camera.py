@@ -9,7 +9,7 @@ import pytest
 
 from protocols.control.journal_and_rates import Begin
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
-from protocols.processes.messages import Channel
+from protocols.processes.ipc import Channel
 from protocols.processes.recorder_link import RemoteCamera
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ImageFrame

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from protocols.control.journal_and_rates import Begin, End
-from protocols.processes.messages import Channel
+from protocols.processes.ipc import Channel
 from protocols.processes.recorder import Producer, Recorder, RecordKeeper, encoded
 from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord
 from tacauchy_rig.core.store.recording.mcap_reader import Recording

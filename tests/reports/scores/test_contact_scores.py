@@ -10,12 +10,14 @@ from reports.comparison.result_types import ValidationReport
 from reports.scores.contact_scores import (
     contact_crop,
     contact_footprint,
-    correct,
-    fit_light,
     footprint_radius,
     image_change,
-    register_changes,
     score_contact,
+)
+from reports.scores.pose_and_light_residual import (
+    correct,
+    fit_light,
+    register_changes,
     shift_change,
 )
 

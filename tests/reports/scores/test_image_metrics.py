@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skimage.metrics import structural_similarity
 
+from reports.scores.confidence_interval import t_interval
 from reports.scores.image_metrics import (
     histogram_correlation,
     mean_squared_error,
@@ -16,7 +17,6 @@ from reports.scores.image_metrics import (
     psnr_of_mean_mse,
     score,
     structural_similarity_index,
-    t_interval,
     zero_mean_correlation,
 )
 from tacauchy_rig.core.errors import RecordError

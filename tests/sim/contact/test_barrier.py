@@ -10,7 +10,7 @@ import pytest
 from sim.contact.contact_surface import ContactForces, ContactOptions, State
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh import MirrorSymmetry
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
 from sim.solve.model import Model

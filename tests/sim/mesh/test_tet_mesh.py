@@ -17,11 +17,10 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
+from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import (
-    MirrorSymmetry,
     TetMesh,
-    WholeSurface,
     cache_folder,
     oriented,
     read_mesh,

@@ -18,8 +18,9 @@ from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Sphere, tilted
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
+from sim.solve.force_search import find_force
 from sim.solve.load_steps import CarryPhase, ForcePhase, Phase
-from sim.solve.loading_path import LoadingPath, find_force
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.overlap_and_inversion import base_depth_m, faces_gel
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.messages import Job, Shown
+from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
-from protocols.processes.page.server import WIDEST_PX, reduced
+from protocols.processes.page.small_picture import WIDEST_PX, reduced
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from tacauchy_rig.core.image_codec import media_type

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.accuracy import Tolerance
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_and_tolerance import Tolerance
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
 from sim.optics.colour.nominal_optics import nominal_photometric

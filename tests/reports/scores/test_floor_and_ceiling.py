@@ -11,20 +11,22 @@ import pytest
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
 from reports.evidence.evidence import RunEvidence, TrialEvidence, TrialImages
-from reports.scores.floors_and_ceilings import (
-    CONTACT_RESIDUAL,
+from reports.scores.floor_and_ceiling import (
     CeilingKind,
     SkillStatus,
-    WrongForceMatrix,
-    cross_scores,
     flat_mean_image,
-    force_margins,
     skill,
     trial_ceiling,
     trial_floors,
-    wrong_force_matrices,
 )
 from reports.scores.image_metrics import Metric, score
+from reports.scores.wrong_forces import (
+    CONTACT_RESIDUAL,
+    WrongForceMatrix,
+    cross_scores,
+    force_margins,
+    wrong_force_matrices,
+)
 
 
 def matrices_of(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import selection
+from drivers.camera import devices
 from tacauchy_rig.core.errors import DeviceError
 
 HOST = "pci0000:00/0000:00:14.0/usb1"
@@ -59,7 +59,7 @@ class FakeHost:
 
     def find(self, wanted: str) -> str:
         """Return the path that ``wanted`` leads to."""
-        return selection.find_device(
+        return devices.find_device(
             wanted, sys_folder=self.sys_folder, dev_folder=self.dev_folder
         ).path
 
@@ -93,7 +93,7 @@ def test_by_name_and_serial(host: FakeHost, wanted: str) -> None:
 def test_by_link(host: FakeHost) -> None:
     """A link below /dev/v4l is taken as it is and still learns the camera's name."""
     link = host.dev_folder / "v4l/by-id/usb-Facebook_DIGIT_D20576-video-index0"
-    found = selection.find_device(str(link), sys_folder=host.sys_folder, dev_folder=host.dev_folder)
+    found = devices.find_device(str(link), sys_folder=host.sys_folder, dev_folder=host.dev_folder)
     assert (found.path, found.serial, found.name) == (str(link), "D20576", "DIGIT: DIGIT")
 
 
@@ -153,8 +153,8 @@ def test_no_permission(host: FakeHost) -> None:
         if user == 0:
             os.seteuid(65534)
         with pytest.raises(DeviceError, match="no permission") as caught:
-            selection.check_access(
-                selection.VideoDevice(path=str(node), name="GelSight Mini", serial="2D8Y69GR")
+            devices.check_access(
+                devices.VideoDevice(path=str(node), name="GelSight Mini", serial="2D8Y69GR")
             )
     finally:
         os.seteuid(user)
@@ -186,4 +186,4 @@ def test_in_use_names_the_program(host: FakeHost) -> None:
 )
 def test_streams_of_this_computer_are_known(device: str, url: bool, local: bool) -> None:
     """An address is told from a name, an emulated camera's from one on the network."""
-    assert (selection.is_url(device), selection.is_on_this_computer(device)) == (url, local)
+    assert (devices.is_url(device), devices.is_on_this_computer(device)) == (url, local)
