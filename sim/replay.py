@@ -42,8 +42,8 @@ from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.long_task import time_limit
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
+from tacauchy_rig.core.time_limits import time_limit
 from tacauchy_rig.core.versions import installed
 
 History = tuple[tuple[float, float], ...]

@@ -17,7 +17,8 @@ LAYERS = (
 """A layer imports nothing from a layer before it."""
 
 # Types, units and writers that every package uses; arrows to them would hide all others.
-_COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
+_COMMON = "errors|quantities|run|registry|versions|tables|arrays|rotations"
+_COMMON += "|markdown_page|plot_style|image_codec"
 EVERYWHERE = re.compile(
     rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app|envs)|tacauchy_rig\.core\.({_COMMON})"
     r"|sim\.device)$"

@@ -16,7 +16,13 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from drivers.force_sensor.frames import FrameParser, Reply, encode_command, find_reply, frame_length
+from drivers.force_sensor.sri_protocol import (
+    FrameParser,
+    Reply,
+    encode_command,
+    find_reply,
+    frame_length,
+)
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer, device_holders
 from tacauchy_rig.core.config.settings import RigConfig

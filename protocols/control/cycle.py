@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
-from protocols.control.journal_and_rates import RateMeter, Sink
+from protocols.control.entries_and_rates import RateMeter, Sink
 from protocols.guard.abort import Abort
 from protocols.guard.arm_following import FollowGuard
 from protocols.guard.breach import BreachError, Reaction

@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.control.journal_and_rates import Journal
+from protocols.control.entries_and_rates import Journal
 from protocols.guard.breach import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.workspace import describe

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from protocols.control.cycle import Cycle
-from protocols.control.journal_and_rates import Journal
+from protocols.control.entries_and_rates import Journal
 from protocols.guard.breach import BreachError
 from protocols.steps.motion import ARRIVED_M, clear_height
 from protocols.steps.preflight import press_air, run_preflight

@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.interfaces import TouchMode
 from protocols.control.cycle import Cycle
-from protocols.control.journal_and_rates import Begin, End, Journal, RateMeter
+from protocols.control.entries_and_rates import Begin, End, Journal, RateMeter
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.steps.contact_search import search_contact

@@ -16,29 +16,13 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TruthComparison,
 )
+from reports.scores import floor_and_ceiling as bounds
+from reports.scores import wrong_forces
 from reports.scores.confidence_interval import MeanInterval, t_interval
 from reports.scores.contact_scores import score_contact, touched
-from reports.scores.floor_and_ceiling import (
-    Ceiling,
-    Floors,
-    Skill,
-    score_noise,
-    skill,
-    trial_ceiling,
-    trial_floors,
-)
 from reports.scores.force_uncertainty import Scatter, compare_force, scatter_between
 from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_mean_mse, score
 from reports.scores.pose_and_light_residual import correct
-from reports.scores.wrong_forces import (
-    CrossScores,
-    ForceMargin,
-    WrongForceMatrix,
-    contact_residuals,
-    cross_scores,
-    force_margins,
-    wrong_force_matrices,
-)
 from tacauchy_rig.core.image_codec import to_grey
 from tacauchy_rig.core.run import FZ
 
@@ -51,9 +35,9 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     Raises:
         RecordError: Images of one trial differ in shape.
     """
-    crossed = cross_scores(evidence.trials)
-    matrices = wrong_force_matrices(evidence.trials, crossed)
-    margins = force_margins(evidence.trials)
+    crossed = wrong_forces.cross_scores(evidence.trials)
+    matrices = wrong_forces.wrong_force_matrices(evidence.trials, crossed)
+    margins = wrong_forces.force_margins(evidence.trials)
     scatter = scatter_between(evidence.trials, contact_force_n=evidence.contact_force_n)
     trials = tuple(
         _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index), scatter)
@@ -81,9 +65,9 @@ def compare(evidence: RunEvidence) -> ValidationReport:
 def _compare_trial(
     trial: TrialEvidence,
     evidence: RunEvidence,
-    crossed: CrossScores,
-    matrices: Sequence[WrongForceMatrix],
-    margin: ForceMargin | None,
+    crossed: wrong_forces.CrossScores,
+    matrices: Sequence[wrong_forces.WrongForceMatrix],
+    margin: wrong_forces.ForceMargin | None,
     scatter: Scatter,
 ) -> TrialResult:
     seen, model = compare_images(trial, evidence, crossed), evidence.model_of(trial.index)
@@ -125,7 +109,7 @@ def _compare_trial(
 
 
 def compare_images(
-    trial: TrialEvidence, evidence: RunEvidence, crossed: CrossScores
+    trial: TrialEvidence, evidence: RunEvidence, crossed: wrong_forces.CrossScores
 ) -> dict[str, Any]:
     """Return what images say, by the fields of a result; None where one is missing."""
     others = [t for t in evidence.trials if t.index != trial.index]
@@ -141,9 +125,9 @@ def compare_images(
     if images is not None:
         wrong = {t.index for t in others if t.is_wrong_for(trial)}
         own = crossed[trial.index]
-        floors = trial_floors(images, [own[index] for index in own if index in wrong])
-        unexplained = contact_residuals(images, [images.reference])[0]
-    ceiling = trial_ceiling(trial, others)
+        floors = bounds.trial_floors(images, [own[index] for index in own if index in wrong])
+        unexplained = wrong_forces.contact_residuals(images, [images.reference])[0]
+    ceiling = bounds.trial_ceiling(trial, others)
     return {
         "metrics": scores,
         "metrics_grey": grey,
@@ -187,13 +171,16 @@ def _pressed(trial: TrialEvidence) -> dict[str, Any]:
 
 
 def _skills(
-    trial: TrialEvidence, scores: ImageScores | None, floors: Floors | None, ceiling: Ceiling | None
-) -> dict[str, Skill]:
+    trial: TrialEvidence,
+    scores: ImageScores | None,
+    floors: bounds.Floors | None,
+    ceiling: bounds.Ceiling | None,
+) -> dict[str, bounds.Skill]:
     if scores is None or floors is None or trial.images is None or trial.simulated_image is None:
         return {}
-    noise = score_noise(trial.images, trial.simulated_image)
+    noise = bounds.score_noise(trial.images, trial.simulated_image)
     return {
-        m.value: skill(
+        m.value: bounds.skill(
             scores.value(m),
             floors.no_contact.value(m),
             None if ceiling is None else ceiling.scores.value(m),

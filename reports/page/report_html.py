@@ -14,15 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment
 
-from reports.comparison.criteria import (
-    COUNTS,
-    COUNTS_OF_RUN,
-    MARGIN,
-    MODULUS,
-    OFFSET,
-    PREDICTION,
-    RESIDUAL,
-)
+from reports.comparison import criteria
 from reports.comparison.result_types import badness
 from reports.comparison.verdict_sentences import MINUS
 from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
@@ -251,32 +243,32 @@ def overview(
         return number(rows[name]["worst"]["measured"] if name in rows else None, digits, unit=unit)
 
     cells = {
-        RESIDUAL: {
+        criteria.RESIDUAL: {
             "name": "Residual in the contact: share of the image change left unexplained",
             "mean": interval(statistics["contact_relative_residual"], 3),
-            "worst": worst(RESIDUAL),
+            "worst": worst(criteria.RESIDUAL),
             "floor": "1",
             "required": f"at most {limits['max_contact_residual']:g}",
         },
-        MARGIN: {
+        criteria.MARGIN: {
             "name": "Margin of the correct force over wrong forces and no contact",
-            "worst": worst(MARGIN, 1, " times the scatter"),
+            "worst": worst(criteria.MARGIN, 1, " times the scatter"),
             "required": f"at least {limits['min_force_margin']:g} times the scatter",
         },
-        PREDICTION: {
+        criteria.PREDICTION: {
             "name": "Error of the force predicted at the measured depth (%)",
             "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
             "worst": _worst_prediction(summary["trials"]),
             "required": f"at most {limits['coverage_factor']:g} times its standard uncertainty",
         },
-        OFFSET: {
+        criteria.OFFSET: {
             "name": "Distance between simulated and seen contact (mm)",
-            "worst": worst(OFFSET),
+            "worst": worst(criteria.OFFSET),
             "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
         },
-        MODULUS: {
+        criteria.MODULUS: {
             "name": "Modulus fitted to these presses, divided by the nominal modulus",
-            "mean": worst(MODULUS),
+            "mean": worst(criteria.MODULUS),
         },
     }
     for name, cell in cells.items():
@@ -363,7 +355,7 @@ def _group(
         "known": len(known),
         "count": len(cases),
         "advice": list(advice.values()),
-        "counts": name in (*COUNTS, *COUNTS_OF_RUN),
+        "counts": name in (*criteria.COUNTS, *criteria.COUNTS_OF_RUN),
     }
 
 

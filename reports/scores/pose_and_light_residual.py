@@ -9,16 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reports.scores.contact_scores import (
-    ContactScores,
-    Touched,
-    distance_px,
-    footprint_radius,
-    image_change,
-    rectangle_around,
-    score_contact,
-    touched_by,
-)
+from reports.scores import contact_scores
 from reports.scores.image_metrics import ImageScores, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
@@ -60,7 +51,7 @@ class Corrections:
     metrics_pose_corrected: ImageScores | None
     metrics_pose_light_corrected: ImageScores | None
     # The light is taken out of the no-contact frame as well.
-    contact_pose_light_corrected: ContactScores | None
+    contact_pose_light_corrected: contact_scores.ContactScores | None
 
 
 def correct(
@@ -69,15 +60,17 @@ def correct(
     reference: ImageArray,
     *,
     scale_mm_px: tuple[float, float] | None = None,
-    seen: Touched | None = None,
+    seen: contact_scores.Touched | None = None,
 ) -> Corrections | None:
     """Fit pose and light residuals and score again; arguments as of ``score_contact``.
 
     Returns:
         None when the real image shows no contact.
     """
-    real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
-    seen = seen or touched_by(real_change)
+    real_change, simulated_change = (
+        contact_scores.image_change(seen, reference) for seen in (real, simulated)
+    )
+    seen = seen or contact_scores.touched_by(real_change)
     if seen is None:
         return None
     shift = register_changes(real_change, simulated_change, seen.region)
@@ -93,7 +86,9 @@ def correct(
         metrics_pose_light_corrected=None if light is None else score(real, lit),
         contact_pose_light_corrected=None
         if light is None
-        else score_contact(real, lit, apply_light(reference, light), scale_mm_px=scale_mm_px),
+        else contact_scores.score_contact(
+            real, lit, apply_light(reference, light), scale_mm_px=scale_mm_px
+        ),
     )
 
 
@@ -107,8 +102,8 @@ def register_changes(
     region's own size.
     """
     x, y = 0.0, 0.0
-    reach = footprint_radius(region)
-    around = rectangle_around(region, margin_px=1)  # for the gradients at its edge
+    reach = contact_scores.footprint_radius(region)
+    around = contact_scores.rectangle_around(region, margin_px=1)  # for the gradients at its edge
     real, simulated = (change - np.median(change, axis=(0, 1)) for change in (real, simulated))
     for smoothing in PYRAMID_PX:
         target = smooth_change(real, smoothing)[region].ravel()
@@ -157,8 +152,8 @@ def fit_light(
     real: ImageArray, simulated: ImageArray, footprint: BoolArray
 ) -> LightResidual | None:
     """Fit gain and offset per channel well outside the contact; None if too little lies there."""
-    margin = LIGHT_MARGIN_RADII * footprint_radius(footprint)
-    outside = distance_px(footprint) > margin
+    margin = LIGHT_MARGIN_RADII * contact_scores.footprint_radius(footprint)
+    outside = contact_scores.distance_px(footprint) > margin
     fraction = float(outside.mean())
     pair = (simulated, real)
     if fraction < MIN_LIGHT_FRACTION:

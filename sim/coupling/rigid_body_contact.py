@@ -48,7 +48,7 @@ class GelContact:
         device: Where the gels are computed, ``cpu`` or ``cuda:0``.
 
     Attributes:
-        pads: ``gel_kernels.Bodies`` that carry the gels.
+        pads: ``rigid_body_kernels.Bodies`` that carry the gels.
         objects: Those that press them.
         wrench: Force [N] and moment about the tip [N m] on the object, pad frame, Warp float64,
             shape [count, 6]; where no equilibrium was found it is the last one.

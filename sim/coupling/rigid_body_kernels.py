@@ -5,7 +5,7 @@ All launch over the gels.
 
 import warp as wp
 
-from sim.batch.frame_kernels import Found
+from sim.batch.motion_step_kernels import Found
 
 _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 _NOTHING = wp.constant(wp.float64(1e-300))

@@ -1,11 +1,11 @@
 """Warp kernels of the descent to equilibrium: what each environment does after an evaluation.
 
 An environment runs until it is done, or until it asks the host for what a kernel has not: a factor,
-a start that is not inside out, an error. ``judge`` decides, by ``descent_rules``; ``prepare`` takes
-over what was accepted and says what the inverse is asked for; ``turn`` makes a direction of the
-answer and goes along it. ``dofs`` are the places of the unknowns in the flat nodal vector. A block
-of threads has one environment, so that sums are known to all; on the CPU it is one thread. Device
-code has no membership test.
+a start that is not inside out, an error. ``judge`` decides, by ``line_search_and_convergence``;
+``prepare`` takes over what was accepted and says what the inverse is asked for; ``turn`` makes a
+direction of the answer and goes along it. ``dofs`` are the places of the unknowns in the flat nodal
+vector. A block of threads has one environment, so that sums are known to all; on the CPU it is one
+thread. Device code has no membership test.
 """
 
 from functools import cache

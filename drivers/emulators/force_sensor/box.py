@@ -24,7 +24,13 @@ from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.force_sensor.frames import LINE_END, Reply, decode_command, encode_frame, encode_reply
+from drivers.force_sensor.sri_protocol import (
+    LINE_END,
+    Reply,
+    decode_command,
+    encode_frame,
+    encode_reply,
+)
 from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.known_weight import GRAVITY_M_S2
 from tacauchy_rig.core.rotations import rotated

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from sim.optics.calibrate import photometric_least_squares as fitting
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.circle_and_light import (
     BEYOND_RIM,
@@ -18,16 +19,6 @@ from sim.optics.calibrate.circle_and_light import (
     seen_change,
 )
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
-from sim.optics.calibrate.photometric_least_squares import (
-    BRIGHT_QUANTILE,
-    REFERENCE,
-    RIDGE,
-    PhotometricSamples,
-    fit_photometric,
-    fit_response,
-    fit_terms,
-    joined,
-)
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.lamps_and_optics import ShadowCaster
@@ -112,31 +103,31 @@ def fit_model(
     def fitted(
         stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
     ) -> PhotometricModel:
-        return fit_photometric(
+        return fitting.fit_photometric(
             [each.through(response, stand_in) for each in pressed],
             exponents=scene.exponents,
             features=features(terms),
             ridge=ridge,
             terms=terms,
             response=response,
-            reference=REFERENCE,
+            reference=fitting.REFERENCE,
         )
 
-    response, terms, ridge = LINEAR, None, RIDGE if known is None else None
+    response, terms, ridge = LINEAR, None, fitting.RIDGE if known is None else None
     if known is not None:
         terms, response = known.terms, known.response
         if blur_px == 0.0:
-            response = fit_response(
+            response = fitting.fit_response(
                 lambda tried: [each.through(tried) for each in pressed],
                 features(terms),
                 brightest=max(each.brightest for each in pressed),
             )
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
-            known = fitted(None, terms, RIDGE)
+            known = fitted(None, terms, fitting.RIDGE)
     if scene.lamp_count:
-        terms = fit_terms(
-            joined([each.through(response, known) for each in pressed]),
+        terms = fitting.fit_terms(
+            fitting.joined([each.through(response, known) for each in pressed]),
             lamp_count=scene.lamp_count,
             aspect=scene.aspect,
             start=terms,
@@ -184,7 +175,7 @@ class PressSamples:
         self._scene, self._circle, self.rows, self.columns = scene, circle, rows, columns
         self.unloaded = scene.background[rows, columns]
         self._levels = image[rows, columns]
-        self.brightest = float(np.quantile(self._levels, BRIGHT_QUANTILE))
+        self.brightest = float(np.quantile(self._levels, fitting.BRIGHT_QUANTILE))
         self._expected = scene.expected(rows, columns, placed.light)
         surface, shares = [scene.surface(circle, columns, rows)], [1.0]
         if blur_px > 0.0:
@@ -199,7 +190,7 @@ class PressSamples:
             surface.append(rest)
             shares.append(-1.0)
         unknown = np.zeros_like(self._expected.T)
-        self.samples = PhotometricSamples(
+        self.samples = fitting.PhotometricSamples(
             surface=np.stack(surface),
             shares=tuple(shares),
             position=scene.normalised(columns, rows),
@@ -209,14 +200,14 @@ class PressSamples:
 
     def through(
         self, response: Response, model: PhotometricModel | None = None
-    ) -> PhotometricSamples:
+    ) -> fitting.PhotometricSamples:
         """Return the samples with the light that the camera saw.
 
         A model stands in for pixels that are too bright or too dark for the camera; without one
         they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
-        gain = np.maximum(response.light(self.unloaded), 1.0) / REFERENCE
+        gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
         change, weights = seen.change, gain * light_weights(self._levels, response)
         if model is None:
             weights *= seen.exposed

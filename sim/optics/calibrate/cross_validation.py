@@ -26,8 +26,8 @@ from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import to_grey
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.parallel import parallel_map
+from tacauchy_rig.core.time_limits import doing
 
 _NUDGES = 2
 CROP_SHARE = 0.375

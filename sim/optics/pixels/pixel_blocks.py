@@ -1,4 +1,4 @@
-"""Images' samples in a device's memory, laid out in the blocks of ``pixel_kernel``."""
+"""Images' samples in a device's memory, laid out in the blocks of ``blur_and_exposure_kernel``."""
 
 from __future__ import annotations
 

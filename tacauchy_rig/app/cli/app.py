@@ -14,9 +14,9 @@ from typer.core import TyperCommand, TyperGroup
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import compilation_told, complain, documented, say
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
-from tacauchy_rig.core.long_task import told
 from tacauchy_rig.core.store.atomic_write import write_error
 from tacauchy_rig.core.threads import take_one_thread
+from tacauchy_rig.core.time_limits import told
 
 
 def lazy_group(

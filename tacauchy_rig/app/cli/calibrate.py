@@ -24,8 +24,8 @@ from tacauchy_rig.app.cli.output import (
 )
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import RenderedPress

@@ -19,7 +19,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
 )
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from reports.evidence.evidence import RunEvidence

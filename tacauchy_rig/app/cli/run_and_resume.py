@@ -24,7 +24,7 @@ from tacauchy_rig.app.cli.output import (
 )
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
-from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult

@@ -12,7 +12,6 @@ from tacauchy_rig.app.exporting.episode import indenter_of, pad_centre, write_sp
 from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.recording.mcap_messages import (
     ARM_STATES,
@@ -24,6 +23,7 @@ from tacauchy_rig.core.store.recording.mcap_messages import (
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
+from tacauchy_rig.core.time_limits import doing
 
 logger = logging.getLogger(__name__)
 

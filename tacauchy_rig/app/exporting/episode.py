@@ -15,12 +15,12 @@ from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArra
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.image_codec import decode_rgb
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.run import ImageFrame, TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limits import doing
 from tacauchy_rig.core.versions import library
 
 _NUMBERS = (

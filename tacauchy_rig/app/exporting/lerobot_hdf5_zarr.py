@@ -28,16 +28,7 @@ from tacauchy_rig.app.exporting.episode import (
     needed,
     write_spec,
 )
-from tacauchy_rig.app.importing.lerobot import (
-    DATA,
-    EPISODES,
-    INDEX,
-    INFO,
-    PLACE,
-    TIME,
-    VERSION,
-    VIDEOS,
-)
+from tacauchy_rig.app.importing import lerobot
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
@@ -49,7 +40,7 @@ WINDOW, STATE = "observation.wrench_window", "observation.state"
 _TASK = "press the tactile sensor"
 _CODEC: Mapping[str, str] = {"bf": "0", "crf": "12", "g": "2", "preset": "veryfast"}
 """Of H.264: nearly without loss, every second frame stands alone, none refers to a later one."""
-_FIRST = dict.fromkeys(PLACE, 0)
+_FIRST = dict.fromkeys(lerobot.PLACE, 0)
 _VIDEO = {"video.codec": "h264", "video.pix_fmt": "yuv420p", "video.is_depth_map": False}
 _STATISTICS: Mapping[str, Any] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
 _SEEN_EVERY = 10
@@ -62,10 +53,10 @@ def write_lerobot(presses: Iterable[Episode], out: Path, store: RunStore | None)
     rate, rows = even_rows(episodes)
     columns = _columns(rows)
     images = (img for each, own in zip(episodes, rows, strict=True) for img in images_of(each, own))
-    path = out / VIDEOS.format(video_key=IMAGE, **_FIRST)
+    path = out / lerobot.VIDEOS.format(video_key=IMAGE, **_FIRST)
     shape, levels = _write_video(path, images, rate)
-    _write_parquet(out / DATA.format(**_FIRST), columns)
-    _write_parquet(out / EPISODES / "chunk-000/file-000.parquet", _places(rows, rate))
+    _write_parquet(out / lerobot.DATA.format(**_FIRST), columns)
+    _write_parquet(out / lerobot.EPISODES / "chunk-000/file-000.parquet", _places(rows, rate))
     tasks = {"task_index": np.array([0]), "task": [_TASK]}
     _write_parquet(out / "meta/tasks.parquet", tasks, index="task")
     stats = {IMAGE: levels} | {name: _statistics(values) for name, values in columns.items()}
@@ -78,7 +69,7 @@ def write_lerobot(presses: Iterable[Episode], out: Path, store: RunStore | None)
         size: dict[str, Any] = {"dtype": str(values.dtype), "shape": values.shape[1:] or (1,)}
         features[name] = {**size, "names": names.get(name)}
     info = {
-        "codebase_version": f"{VERSION}0",
+        "codebase_version": f"{lerobot.VERSION}0",
         "robot_type": None,
         "fps": rate,
         "total_episodes": len(episodes),
@@ -88,11 +79,11 @@ def write_lerobot(presses: Iterable[Episode], out: Path, store: RunStore | None)
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "splits": {"train": f"0:{len(episodes)}"},
-        "data_path": DATA,
-        "video_path": VIDEOS,
+        "data_path": lerobot.DATA,
+        "video_path": lerobot.VIDEOS,
         "features": features,
     }
-    for name, content in ((INFO, info), ("meta/stats.json", stats)):
+    for name, content in ((lerobot.INFO, info), ("meta/stats.json", stats)):
         (out / name).write_text(json.dumps(content, indent=1))
     data: dict[str, object] = {"image": IMAGE, "force": {"feature": WRENCH, "unit": "N"}}
     if STATE in columns:
@@ -108,10 +99,10 @@ def _columns(rows: list[Rows]) -> dict[str, AnyArray]:
     states = [each.state for each in rows if each.state is not None]
     if len(states) == len(rows):
         numbers |= {STATE: states, "action": [np.vstack([s[1:], s[-1:]]) for s in states]}
-    numbers[TIME] = [each.time_s for each in rows]
+    numbers[lerobot.TIME] = [each.time_s for each in rows]
     return {k: np.concatenate(parts).astype(np.float32) for k, parts in numbers.items()} | {
         "frame_index": np.concatenate([np.arange(length) for length in lengths]),
-        INDEX: np.repeat(np.arange(len(rows)), lengths),
+        lerobot.INDEX: np.repeat(np.arange(len(rows)), lengths),
         "index": np.arange(sum(lengths)),
         "task_index": np.zeros(sum(lengths), dtype=np.int64),
     }
@@ -124,12 +115,12 @@ def _places(rows: list[Rows], rate: int) -> dict[str, Any]:
     within = {"from_timestamp": (ends - lengths) / rate, "to_timestamp": ends / rate}
     files = ("data", f"videos/{IMAGE}", "meta/episodes")
     return {
-        INDEX: np.arange(len(rows)),
+        lerobot.INDEX: np.arange(len(rows)),
         "tasks": [[_TASK]] * len(rows),
         "length": lengths,
         "dataset_from_index": ends - lengths,
         "dataset_to_index": ends,
-        **{f"{of}/{part}": zero for of in files for part in PLACE},
+        **{f"{of}/{part}": zero for of in files for part in lerobot.PLACE},
         **{f"videos/{IMAGE}/{name}": values for name, values in within.items()},
     }
 

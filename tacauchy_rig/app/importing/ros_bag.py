@@ -24,6 +24,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from tacauchy_rig.app.importing import video_and_clock_offset as offsets
 from tacauchy_rig.app.importing.press_detection import (
     Frame,
     PressFinding,
@@ -36,15 +37,6 @@ from tacauchy_rig.app.importing.press_detection import (
     find_presses,
 )
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
-from tacauchy_rig.app.importing.video_and_clock_offset import (
-    Signal,
-    aligned,
-    felt_over_rests,
-    image_change,
-    likeness,
-    offset_to_force,
-    root_of,
-)
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.unit_fields import Length, Section
 from tacauchy_rig.core.errors import RecordError, RigError
@@ -297,15 +289,17 @@ def _aligned(
     if len(known) < 3:
         return frames, None
     time_s = np.array([each for each, _ in known])
-    seen = Signal(time_s=time_s, value=image_change((image for _, image in known), time_s))
+    seen = offsets.Signal(
+        time_s=time_s, value=offsets.image_change((image for _, image in known), time_s)
+    )
     try:
-        clock = offset_to_force(force, seen, found)
+        clock = offsets.offset_to_force(force, seen, found)
     except RecordError as error:
         notes.append(f"Whether the camera has the force's clock is not known: {error.message}.")
         return moved, None
-    felt = root_of(felt_over_rests(force, found))
-    fits = likeness(felt, seen, 0.0) > FITS * clock.correlation
-    if fits or np.abs(aligned(time_s, clock) - time_s).max() < CLOCKS_S:
+    felt = offsets.root_of(offsets.felt_over_rests(force, found))
+    fits = offsets.likeness(felt, seen, 0.0) > FITS * clock.correlation
+    if fits or np.abs(offsets.aligned(time_s, clock) - time_s).max() < CLOCKS_S:
         clock = replace(clock, offset_s=0.0, drift=0.0)
         if not rough_s:
             return frames, None

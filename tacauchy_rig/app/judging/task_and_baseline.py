@@ -29,7 +29,7 @@ from tacauchy_rig.app.importing.source_files import MIB, Source
 from tacauchy_rig.app.importing.text_tables import Column, as_csv, as_toml, read_section
 from tacauchy_rig.app.replay.inputs import inputs_of, sensor_of
 from tacauchy_rig.app.replay.optics import Calibrate, optics_of
-from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.config.unit_fields import Section

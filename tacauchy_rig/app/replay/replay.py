@@ -30,7 +30,7 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import (
+from tacauchy_rig.app.replay.press_grouping import (
     Part,
     measured_attempts,
     measured_records,

@@ -16,9 +16,9 @@ from tacauchy_rig.app.sweep.resume import done_rows
 from tacauchy_rig.app.sweep.shards import SHARDS, hashed, make_shard, parquet, shards_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.markdown_page import environment_of
 from tacauchy_rig.core.store.atomic_write import free_bytes, write_atomically
+from tacauchy_rig.core.time_limits import doing
 from tacauchy_rig.core.versions import library
 
 SHOWN = 50

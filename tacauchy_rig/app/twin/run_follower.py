@@ -26,7 +26,7 @@ from reports.scores.contact_scores import (
 )
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from sim.twin.follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
+from sim.twin.press_follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.core.arrays import ImageArray

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.control.journal_and_rates import Begin
+from protocols.control.entries_and_rates import Begin
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.ipc import Channel
 from protocols.processes.recorder_link import RemoteCamera

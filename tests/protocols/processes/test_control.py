@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 from tests.protocols.processes.test_messages import Line
 
-from protocols.control.journal_and_rates import Begin
+from protocols.control.entries_and_rates import Begin
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.ipc import FeedWriters
 from protocols.steps.tare import take_tare

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from protocols.control.journal_and_rates import Begin, End
+from protocols.control.entries_and_rates import Begin, End
 from protocols.processes import recorder_link as link_module
 from protocols.processes.ipc import Ack, Channel
 from protocols.processes.recorder_link import BETWEEN_ATTEMPTS, RecorderLink

@@ -18,7 +18,7 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import Part, measured_attempts, measured_records
+from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
 from tacauchy_rig.app.replay.replay_parts import press_together
 from tacauchy_rig.app.replay.tilt_and_place import mounted

@@ -50,24 +50,14 @@ from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
-from tacauchy_rig.app.replay.optics import (
-    CAMERA_DISTANCE,
-    CIRCLES,
-    HEIGHT,
-    SCALE_X,
-    SCALE_Y,
-    VIEW,
-    VIEWED,
-    WIDTH,
-    fitted_view,
-)
+from tacauchy_rig.app.replay import optics as replay_optics
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_png
-from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.atomic_write import writing
 from tacauchy_rig.core.store.run_files import file_sha256
+from tacauchy_rig.core.time_limits import Remaining, doing
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
@@ -166,7 +156,7 @@ def read_input(request: OpticsRequest) -> OpticsInput:
 
 def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -> PressFolder:
     """Read the presses of a folder, with the table of their circles if there is one."""
-    table = folder / CIRCLES if (folder / CIRCLES).exists() else None
+    table = folder / replay_optics.CIRCLES if (folder / replay_optics.CIRCLES).exists() else None
     if request.circles is not None:
         own = folder / request.circles.name
         is_main = folder == request.folder
@@ -327,10 +317,12 @@ def calibrate_and_check(
     placed = [(c, request.places[p.name]) for p, c in pairs if p.name in request.places]
     try:
         if placed:
-            view, told = fitted_view(
+            view, told = replay_optics.fitted_view(
                 placed, read.geometry, request.sensor.pad, ball_radius_m=radius_m
             )
-            provenance[VIEW] = {name: getattr(view.geometry, name) for name in VIEWED}
+            provenance[replay_optics.VIEW] = {
+                name: getattr(view.geometry, name) for name in replay_optics.VIEWED
+            }
             tell(told, depths + folds + 1)
     except ConfigError as error:
         warnings.append(f"the view stays as stated: {error.message}")
@@ -375,10 +367,10 @@ def _provenance(
             | {file_sha256(request.folder / press.name, what="a press") for press in presses}
         ),
         "ball_diameter_m": request.ball_diameter_m,
-        WIDTH: geometry.width,
-        HEIGHT: geometry.height,
-        SCALE_X: geometry.scale_x_m,
-        SCALE_Y: geometry.scale_y_m,
+        replay_optics.WIDTH: geometry.width,
+        replay_optics.HEIGHT: geometry.height,
+        replay_optics.SCALE_X: geometry.scale_x_m,
+        replay_optics.SCALE_Y: geometry.scale_y_m,
         "sensor": request.sensor.title,
         "preset": request.preset.value,
         "version": __version__,
@@ -386,7 +378,7 @@ def _provenance(
         "held_out_mae_levels": scores.mae,
         "held_out_ssim_crop": scores.ssim_crop,
         BLUR_PX: found.blur_px,
-        CAMERA_DISTANCE: distance_m if math.isfinite(distance_m) else None,
+        replay_optics.CAMERA_DISTANCE: distance_m if math.isfinite(distance_m) else None,
         SHADOWS: None if found.shadows is None else asdict(found.shadows),
     }
 

@@ -19,7 +19,7 @@ from tacauchy_rig.app.replay import replay_parts
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.errors import ConfigError, RecordError

@@ -12,7 +12,7 @@ import pytest
 
 from protocols.processes.ipc import Shown
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.twin import follower
+from sim.twin import press_follower
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.twin.run_follower import (
     FRAMES_PER_S,
@@ -49,7 +49,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(CameraImages, "of", enlarged)
-        patched.setattr(follower, "NO_FORCE_N", 0.0)
+        patched.setattr(press_follower, "NO_FORCE_N", 0.0)
         return watch_run(open_run(store.paths.root)).read_text("utf-8")
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.batch import frame_kernels as kernels
+from sim.batch import motion_step_kernels as kernels
 from sim.batch.sensor_model import ForceBias, pressure_form
 from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.device import Device, replaced
@@ -30,9 +30,9 @@ class Frames:
         accepts_residual: A descent that ran out of steps counts as arrived.
 
     Attributes:
-        motions: Where they go, a ``frame_kernels.Motions``.
-        found: What they found, a ``frame_kernels.Found``; NaN where they did not arrive, but for
-            the tips.
+        motions: Where they go, a ``motion_step_kernels.Motions``.
+        found: What they found, a ``motion_step_kernels.Found``; NaN where they did not arrive, but
+            for the tips.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.twin.follower import Follower, Goal, ImageOptions, twin_scene
+from sim.twin.press_follower import Follower, Goal, ImageOptions, twin_scene
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 SENSOR = load_sensor("gelsight-mini")
