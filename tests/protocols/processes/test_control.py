@@ -3,12 +3,12 @@
 from contextlib import closing
 
 import pytest
-from tests.protocols.processes.test_messages import Line
 
 from protocols.control.entries_and_rates import Begin
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.ipc import FeedWriters
 from protocols.steps.tare import take_tare
+from tests.protocols.processes.test_ipc import Line
 
 
 @pytest.fixture
