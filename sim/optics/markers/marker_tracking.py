@@ -1,4 +1,4 @@
-"""Printed markers: found in a no-contact frame, followed in other frames, drawn where gel goes.
+"""Printed markers: found in a no-contact frame, followed into other frames, and what they hide.
 
 A pixel shows gel and ink in shares that are read off the no-contact frame, so that a rendered image
 has the markers of this very unit, blurred as its camera blurs them, over gel lit as it is then. Any
@@ -13,8 +13,6 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.arrays import (
     AnyArray,
     BoolArray,
@@ -35,8 +33,6 @@ _WINDOW_PX, _LEVELS = 15, 3
 _THERE_AND_BACK_PX, _OFF_NEIGHBOURS, _NEIGHBOURS = 0.5, 3.0, 6
 _LEAST_OFF_PX, _OFF_SHARE = 1.5, 0.25  # the share is of the distance of the nearest marker
 _UNLIKE_LEVELS = 40.0  # mean difference of two windows of one marker
-_EDGE_PX = 1.0
-_INK = 0.15
 FINE = 2  # samples a pixel of what is printed
 
 
@@ -232,24 +228,3 @@ def hidden_by(printed: PrintedMarkers, tracks: MarkerTracks) -> BoolArray:
     source = np.rint(places - tracks.motion_px[nearest]).astype(int)
     x, y = source[:, 0].clip(0, width - 1), source[:, 1].clip(0, height - 1)
     return np.asarray(printed.mask | printed.mask[y, x].reshape(height, width))
-
-
-def marker_places(grid: MarkerGrid) -> FloatArray:
-    """Return the markers' centres at rest from the pad's centre [m], row by row, shape [n, 2]."""
-    x = (np.arange(grid.columns) - 0.5 * (grid.columns - 1)) * grid.pitch_m[0]
-    y = (np.arange(grid.rows) - 0.5 * (grid.rows - 1)) * grid.pitch_m[1]
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-def draw_markers(
-    image: ImageArray, places: FloatArray, radius_m: float, geometry: CameraGeometry
-) -> ImageArray:
-    """Print dots over an image, RGB, uint8, with edges softened over one pixel.
-
-    Their centres on the pad are of shape [n, 2] [m].
-    """
-    away = cKDTree(places).query(np.stack(geometry.pad_grid(), axis=-1))[0]
-    inside = (radius_m - away) / geometry.mean_scale_m
-    cover = np.clip(inside / _EDGE_PX + 0.5, 0.0, 1.0)
-    dimmed = image * (1.0 - (1.0 - _INK) * cover[..., None])
-    return np.asarray(np.rint(dimmed), dtype=np.uint8)

@@ -20,12 +20,15 @@ from sim.optics.markers.marker_kernel import (
 )
 from sim.optics.markers.marker_tracking import FINE, PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
+from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, IndexArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_PX = 4  # of the lattice of points whose motion is interpolated between
 _NEAREST = 24  # facets that are tried first for a point
 _TOLERANCE = 1e-6
+_EDGE_PX = 1.0
+_INK = 0.15
 
 
 class SeenPoints:
@@ -201,3 +204,24 @@ def _inked(printed: Float32Array, lattice: tuple[int, int]) -> ImageArray:
     return np.asarray(
         cv2.dilate(np.asarray(cells, dtype=np.uint8), np.ones((3, 3), np.uint8)), dtype=np.uint8
     )
+
+
+def marker_places(grid: MarkerGrid) -> FloatArray:
+    """Return the markers' centres at rest from the pad's centre [m], row by row, shape [n, 2]."""
+    x = (np.arange(grid.columns) - 0.5 * (grid.columns - 1)) * grid.pitch_m[0]
+    y = (np.arange(grid.rows) - 0.5 * (grid.rows - 1)) * grid.pitch_m[1]
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def draw_markers(
+    image: ImageArray, places: FloatArray, radius_m: float, geometry: CameraGeometry
+) -> ImageArray:
+    """Print dots over an image, RGB, uint8, with edges softened over one pixel.
+
+    Their centres on the pad are of shape [n, 2] [m].
+    """
+    away = cKDTree(places).query(np.stack(geometry.pad_grid(), axis=-1))[0]
+    inside = (radius_m - away) / geometry.mean_scale_m
+    cover = np.clip(inside / _EDGE_PX + 0.5, 0.0, 1.0)
+    dimmed = image * (1.0 - (1.0 - _INK) * cover[..., None])
+    return np.asarray(np.rint(dimmed), dtype=np.uint8)

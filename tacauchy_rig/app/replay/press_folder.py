@@ -13,8 +13,7 @@ from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.marker_tracking import draw_markers, marker_places
-from sim.optics.markers.simulated_markers import surface_displacement
+from sim.optics.markers.simulated_markers import draw_markers, marker_places, surface_displacement
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor

@@ -8,13 +8,17 @@ import pytest
 
 from sim.optics.markers.marker_tracking import (
     PrintedMarkers,
-    draw_markers,
     find_markers,
     follow_markers,
     hidden_by,
-    marker_places,
 )
-from sim.optics.markers.simulated_markers import MarkerPrinter, seen_motion, surface_displacement
+from sim.optics.markers.simulated_markers import (
+    MarkerPrinter,
+    draw_markers,
+    marker_places,
+    seen_motion,
+    surface_displacement,
+)
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface

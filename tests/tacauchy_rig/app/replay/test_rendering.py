@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.optics.markers.marker_tracking import draw_markers, find_markers, marker_places
+from sim.optics.markers.marker_tracking import find_markers
+from sim.optics.markers.simulated_markers import draw_markers, marker_places
 from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
