@@ -107,7 +107,8 @@ def _listed(packages: set[str]) -> str:
 def first_line(module: str) -> str:
     """Return the first line of a module's docstring."""
     path = ROOT.joinpath(*module.split("."))
-    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    file = path.with_suffix(".py")
+    path = file if file.exists() else path / "__init__.py"
     return (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()[0]
 
 
