@@ -14,7 +14,7 @@ from sim.scene.pad import BoxPad, Pad, read_surface_pad
 from sim.scene.scene import Scene, Target, TetWildOptions, tetwild_options_of
 from sim.scene.triangle_surface import MeshUnit
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import SensorOptics, parse_optics
+from sim.sensor.lamps_and_optics import SensorOptics, parse_optics
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, names, unknown

@@ -63,8 +63,8 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     Example: tacauchy-rig config ceilings
     """
     from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI
-    from tacauchy_rig.core.config.fields import ceilings
-    from tacauchy_rig.core.page import page
+    from tacauchy_rig.core.config.unit_fields import ceilings
+    from tacauchy_rig.core.markdown_page import page
 
     table = tables.table_of(
         ceilings(),

@@ -13,16 +13,16 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from sim.scene.indenter import Indenter
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.images import Converter, Images
-from tacauchy_rig.app.importing.plausible import check_presses
-from tacauchy_rig.app.importing.presses import Press, Recorded
-from tacauchy_rig.app.importing.source import MIB, Problems, Source
-from tacauchy_rig.app.importing.table import as_toml, read_section
-from tacauchy_rig.core.config.fields import Section
+from tacauchy_rig.app.importing.plausibility import check_presses
+from tacauchy_rig.app.importing.press_detection import Press, Recorded
+from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
+from tacauchy_rig.app.importing.text_tables import as_toml, read_section
 from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
 from tacauchy_rig.core.config.settings import IMPORTED, RigConfig
+from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.run import (
@@ -40,7 +40,7 @@ from tacauchy_rig.core.run import (
     TrialRecord,
     vector6,
 )
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions
 
@@ -253,11 +253,11 @@ class SourceKind(StrEnum):
 
 
 READERS: Mapping[SourceKind, tuple[str, str, str]] = {
-    SourceKind.CSV: ("rows", "CsvData", "read_csv_folder"),
-    SourceKind.BAG: ("bag", "BagData", "read_bag"),
+    SourceKind.CSV: ("table_rows", "CsvData", "read_csv_folder"),
+    SourceKind.BAG: ("ros_bag", "BagData", "read_bag"),
     SourceKind.TAXIM: ("taxim", "TaximData", "read_taxim"),
-    SourceKind.VIDEO: ("video", "VideoData", "read_video"),
-    SourceKind.RECORDS: ("rows", "RecordsData", "read_records"),
+    SourceKind.VIDEO: ("video_and_clock_offset", "VideoData", "read_video"),
+    SourceKind.RECORDS: ("table_rows", "RecordsData", "read_records"),
     SourceKind.LEROBOT: ("lerobot", "LeRobotData", "read_lerobot"),
 }
 """Of each format its module, its ``[data]``, and what reads it: others are not even loaded."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.presses import (
+from tacauchy_rig.app.importing.press_detection import (
     Frame,
     Press,
     PressFinding,
@@ -27,11 +27,11 @@ from tacauchy_rig.app.importing.presses import (
     find_presses,
     needed,
 )
-from tacauchy_rig.app.importing.source import IMAGE_BYTES, LARGE_BYTES, MIB, Source
-from tacauchy_rig.app.importing.table import unit_factor
-from tacauchy_rig.app.importing.video import png_frames
+from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.text_tables import unit_factor
+from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-from tacauchy_rig.core.config.fields import Section
+from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.versions import library

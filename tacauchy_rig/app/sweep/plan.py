@@ -17,15 +17,15 @@ from pydantic import BeforeValidator, Field
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.scene.indenter import MeshIndenter
 from sim.scene.pad import BoxPad
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.importing.table import read_section
+from tacauchy_rig.app.importing.text_tables import read_section
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.fields import Length, Ratio, Section
+from tacauchy_rig.core.config.unit_fields import Length, Ratio, Section
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, unknown

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import parse_optics
+from sim.sensor.lamps_and_optics import parse_optics
 from sim.sensor.sensor import load_sensor, parse_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, names

@@ -35,8 +35,8 @@ from tacauchy_rig.app.cli.progress import (
     force_bar,
     live_lines,
 )
-from tacauchy_rig.core.config.fields import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
+from tacauchy_rig.core.config.unit_fields import ceilings
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import Phase
 
