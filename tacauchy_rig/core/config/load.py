@@ -1,4 +1,4 @@
-"""Read ``rig.toml`` over the defaults and other settings files; say what is wrong in their words."""
+"""Read ``rig.toml`` over the defaults, and other settings files; say what is wrong with one."""
 
 import difflib
 import hashlib
@@ -38,6 +38,7 @@ _KINDS = {
     "string": "is not text; write it in quotes",
     "tuple": 'is not a list; write ["...", "..."]',
     "model": "is not a table",
+    "dict": "is not a table",
     "finite": "is not a finite number",
 }
 _CAMERA_NUMBERS = {("camera", name) for name in ("exposure", "gain", "white_balance")}
