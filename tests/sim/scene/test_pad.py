@@ -140,7 +140,7 @@ def test_sensor_names_a_surface(tmp_path: Path) -> None:
         ('surface = "gel.stl"\nunit = "mm"', "pad.source: missing"),
         ('surface = "gel.stl"\nunit = "mile"\nsource = "drawn"', 'pad.unit: "mile" is none of'),
         ('surface = "no.stl"\nunit = "mm"\nsource = "drawn"', "cannot be read"),
-        ('surface = "gel.stl"\nunit = "mm"\nsource = "drawn"\nheight = 3', "pad.height: unknown key"),
+        ('surface = "gel.stl"\nunit = "mm"\nsource = "drawn"\nheight = 3', "height: unknown key"),
     ],
 )
 def test_wrong_surface_sections_are_refused(tmp_path: Path, pad: str, message: str) -> None:
