@@ -218,6 +218,20 @@ class Objects(Study):
         )
         return [pressed] * bool(pressed.rows) + failures_table(results, kind=self.kind)
 
+    def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the presses."""
+        rows = [
+            {
+                "sensor": press.sensor,
+                "object": press.name,
+                "force_n": press.force_n,
+                "highest_over_object_m": press.highest_over_m,
+                "processor_s": press.processor_s,
+            }
+            for press in founds(results)
+        ]
+        return {"preset": self.preset, "depth_m": DEPTH_M, "presses": rows}
+
     def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
         """Draw the objects, one a column, in the sensors that have them all."""
         groups = [list(rows) for _, rows in groupby(founds(results), key=lambda run: run.sensor)]
