@@ -94,6 +94,7 @@ class JudgedPress:
     force_error_relative: float | None
     depth_error_m: float | None  # its depth at the measured force minus the measured one [m]
     height_apart_rms_m: float | None  # of its surface from our replay's, which is no truth [m]
+    height_apart_largest_m: float | None  # likewise the largest [m]
     # Of its pressure from our replay's, which is no truth either: the norm of the difference over
     # that of ours, of all pixels.
     pressure_apart_relative: float | None
@@ -241,6 +242,7 @@ def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> 
 
 _FIELDS = (
     "height_apart_rms_m",
+    "height_apart_largest_m",
     "pressure_apart_relative",
     "shear_apart_relative",
     "pressure_force_n",
@@ -252,15 +254,16 @@ def _fields(
 ) -> dict[str, Any]:
     if is_ours:  # its pressure is of the measured force, its force of the measured depth
         return dict.fromkeys(_FIELDS)
-    rms = total = None
+    rms = largest = total = None
     if output.height_m is not None and ours is not None and ours.height_m is not None:
-        rms = float(np.sqrt(np.mean((output.height_m - ours.height_m) ** 2)))
+        apart = output.height_m - ours.height_m
+        rms, largest = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
     x_m, y_m = evidence.geometry.scale_x_m_px, evidence.geometry.scale_y_m_px
     if output.pressure_pa is not None and x_m is not None and y_m is not None:
         total = float(output.pressure_pa.sum()) * x_m * y_m
     pressure = _apart(output.pressure_pa, None if ours is None else ours.pressure_pa)
     shear = _apart(output.shear_pa, None if ours is None else ours.shear_pa)
-    return dict(zip(_FIELDS, (rms, pressure, shear, total), strict=True))
+    return dict(zip(_FIELDS, (rms, largest, pressure, shear, total), strict=True))
 
 
 def _apart(theirs: FloatArray | None, ours: FloatArray | None) -> float | None:
