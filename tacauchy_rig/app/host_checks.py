@@ -15,8 +15,8 @@ import psutil
 
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes, writing
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session
 from tacauchy_rig.core.versions import ABSENT, installed
 
@@ -45,14 +45,8 @@ def measure_disk(folder: Path, *, duration_s: float = 1.0) -> tuple[float, float
         Bytes over the time they took, syncs included [bytes/s], and the longest sync [s].
     """
     existing = existing_folder(folder)
-    try:
-        with tempfile.TemporaryFile(dir=existing, buffering=0) as file:
-            return _write_for(file.fileno(), os.urandom(_BLOCK_BYTES), duration_s)
-    except OSError as error:
-        raise RecordError(
-            f"{existing}: cannot be written: {error.strerror or error}",
-            remedy="set run.output_directory to a folder of yours with free space",
-        ) from error
+    with writing(existing), tempfile.TemporaryFile(dir=existing, buffering=0) as file:
+        return _write_for(file.fileno(), os.urandom(_BLOCK_BYTES), duration_s)
 
 
 def _write_for(descriptor: int, block: bytes, duration_s: float) -> tuple[float, float]:

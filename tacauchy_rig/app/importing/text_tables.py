@@ -13,10 +13,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
-from pydantic import ValidationError
 
 from tacauchy_rig.app.importing.source_files import TABLE_BYTES, Problems, Source, shown
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
@@ -42,40 +41,8 @@ _POINT_ONLY = re.compile(r"[0-9eE+\-. \t\x1f]*")
 _BLANKS = str.maketrans("\u2212", "-", "\u00a0\u202f\u2009 '")
 _COMMA = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-_LINES_MOST = 40  # of a message: what one may mend before looking again
-_VALUE_MOST = 120  # characters of a value in a message
-T = TypeVar("T", bound=Section)
-
-
-def read_section(kind: type[T], tables: Any, *, where: str = "") -> T:
-    """Return a table of ``import.toml`` as what it is to be.
-
-    Args:
-        where: Its name, with a dot; for messages.
-
-    Raises:
-        ConfigError: One line for each field that is wrong.
-    """
-    try:
-        return kind.model_validate(tables)
-    except ValidationError as error:
-        lines = [f"{where}{_line(problem, kind)}" for problem in error.errors()[:_LINES_MOST]]
-        raise ConfigError(
-            "\n".join(lines), remedy="docs/reference/file-formats.md shows each format"
-        ) from error
-
-
-def _line(problem: Any, kind: type[Section]) -> str:
-    """Return what is wrong with a field, in one line."""
-    name = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "missing":
-        return f"{name}: missing"
-    if problem["type"] == "extra_forbidden":
-        is_outer = len(problem["loc"]) == 1
-        known = f"; known here: {', '.join(kind.model_fields)}" if is_outer else ""
-        return f"{name}: unknown key{known}"
-    value = json.dumps(problem["input"], ensure_ascii=False, default=str)[:_VALUE_MOST]
-    return f"{name}: {value}: {problem['msg'].removeprefix('Value error, ')}"
+FORMATS = "docs/reference/file-formats.md shows each format"
+"""Remedy of a description that is wrong."""
 
 
 class Column(Section):

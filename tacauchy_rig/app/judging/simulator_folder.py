@@ -37,7 +37,7 @@ from tacauchy_rig.app.judging.task_and_baseline import (
     read_description,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
-from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.core.errors import ConfigError, RecordError, naming
 from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb
 from tacauchy_rig.core.simulated import Outputs, PressOutput
 
@@ -63,10 +63,8 @@ def read_outputs(folder: Path, asked: Asked) -> Outputs:
         RecordError: A press is missing, or a file is odd; names file, value and remedy.
         ConfigError: ``simulator.toml`` is damaged, or a unit or the colour order is not stated.
     """
-    try:
+    with naming(str(folder)):
         return _read(Source(folder), asked)
-    except RigError as error:
-        raise type(error)(f"{folder}: {error.message}", remedy=error.remedy) from error
 
 
 def _read(source: Source, asked: Asked) -> Outputs:

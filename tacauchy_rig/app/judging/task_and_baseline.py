@@ -6,7 +6,6 @@ next to the indenter, and nothing gives below it.
 
 import math
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, fields
 from functools import partial
@@ -26,12 +25,13 @@ from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig import __version__
 from tacauchy_rig.app.importing.source_files import MIB, Source
-from tacauchy_rig.app.importing.text_tables import Column, as_csv, as_toml, read_section
+from tacauchy_rig.app.importing.text_tables import FORMATS, Column, as_csv, as_toml
 from tacauchy_rig.app.replay.inputs import inputs_of, sensor_of
 from tacauchy_rig.app.replay.optics import Calibrate, optics_of
 from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.config.load import parse_toml, read_section
 from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, encode_png
@@ -129,14 +129,8 @@ def read_description(source: Source) -> Description:
         ConfigError: It is damaged, or has a value that is not allowed.
     """
     data = source.read(DESCRIPTION, field="the simulator's description", most_bytes=MIB)
-    remedy = "docs/reference/file-formats.md shows one"
-    try:
-        tables = tomllib.loads(data.decode())
-    except ValueError as error:
-        raise ConfigError(
-            f"{source.root / DESCRIPTION}: no TOML: {error}", remedy=remedy
-        ) from error
-    return read_section(Description, tables, where=f"{DESCRIPTION}: ")
+    tables = parse_toml(data, origin=str(source.root / DESCRIPTION), remedy=FORMATS)
+    return read_section(Description, tables, where=f"{DESCRIPTION}: ", remedy=FORMATS)
 
 
 def check_empty(folder: Path) -> None:

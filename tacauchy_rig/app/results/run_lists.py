@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from reports.page.report_html import at
 from sim.scene.indenter import describe
 from tacauchy_rig.app.gel_health import COVERAGE, Change, GelState, compare_runs
 from tacauchy_rig.app.replay.inputs import indenter_of
@@ -226,13 +227,13 @@ def _age(run: ListedRun) -> int:
 
 # What a report says of all trials of a run: title, its place in the summary, factor and unit.
 _OF_ALL = (
-    ("SSIM", ("metrics", "ssim"), 1.0, ""),
-    ("SSIM without contact", ("no_contact", "ssim"), 1.0, ""),
-    ("NCC", ("metrics", "ncc"), 1.0, ""),
-    ("NCC without contact", ("no_contact", "ncc"), 1.0, ""),
-    ("PSNR", ("metrics", "psnr_db"), 1.0, "dB"),
-    ("unexplained of the contact", ("contact_relative_residual",), 100.0, "%"),
-    ("predicted force off by", ("prediction_error_relative",), 100.0, "%"),
+    ("SSIM", "metrics.ssim", 1.0, ""),
+    ("SSIM without contact", "no_contact.ssim", 1.0, ""),
+    ("NCC", "metrics.ncc", 1.0, ""),
+    ("NCC without contact", "no_contact.ncc", 1.0, ""),
+    ("PSNR", "metrics.psnr_db", 1.0, "dB"),
+    ("unexplained of the contact", "contact_relative_residual", 100.0, "%"),
+    ("predicted force off by", "prediction_error_relative", 100.0, "%"),
 )
 _ROOM = 1.4
 """Of the limit, shown beyond it and beyond what was found."""
@@ -270,7 +271,7 @@ def compare(one: ListedRun, other: ListedRun) -> list[Row]:
     modulus = "modulus_factor", "modulus_factor_deviation"
     rows = [_row("modulus, of the stated one", "", models, *modulus)]
     for title, place, factor, unit in _OF_ALL:
-        found = [_at(summary, "statistics", *place) for summary in summaries]
+        found = [at(summary, f"statistics.{place}") for summary in summaries]
         rows.append(_row(title, unit, found, "mean", "deviation", factor))
     trials = [_trials(summary) for summary in summaries]
     for index in sorted(set(trials[0]) & set(trials[1])):
@@ -287,24 +288,17 @@ def _row(
     """Return a number of two places in summaries, by its name and that of its deviation."""
     values: list[Value] = []
     for place in places:
-        value, spread = _at(place, name), _at(place, deviation)
+        value, spread = at(place, name), at(place, deviation)
         known_spread = factor * spread if isinstance(spread, (int, float)) else None
         is_known = isinstance(value, (int, float))
         values.append((factor * value, known_spread) if is_known else None)
     return Row(title=title, unit=unit, one=values[0], other=values[1])
 
 
-def _at(place: Any, *names: str) -> Any:
-    """Return what lies at a path in nested tables; None where they are no tables."""
-    for name in names:
-        place = place.get(name) if isinstance(place, dict) else None
-    return place
-
-
 def _trials(summary: dict[str, Any]) -> dict[int, dict[str, Any]]:
     found = summary.get("trials")
     trials = found if isinstance(found, list) else []
-    return {trial["index"]: trial for trial in trials if isinstance(_at(trial, "index"), int)}
+    return {trial["index"]: trial for trial in trials if isinstance(at(trial, "index"), int)}
 
 
 def differing(one: ListedRun, other: ListedRun) -> list[tuple[str, str, str]]:

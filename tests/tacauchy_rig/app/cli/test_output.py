@@ -177,7 +177,7 @@ def test_example_is_written_and_overwrites_nothing(tmp_path: Path, out: str | No
         with pytest.raises(ConfigError, match="is not filled in"):
             load_config(Path(place))
         Path(place).write_text("precious")
-        with pytest.raises(ConfigError, match="cannot be written"):
+        with pytest.raises(RecordError, match="exists already"):
             runner.invoke(app, command, catch_exceptions=False)
         assert Path(place).read_text() == "precious"
 

@@ -160,8 +160,8 @@ PLAIN = np.zeros((HEIGHT, WIDTH))
 NAN = np.where(np.arange(WIDTH) == 5, np.nan, PLAIN)
 DAMAGES: dict[str, tuple[Damage, str]] = {
     "no description": (lambda f: (f / TOML).unlink(), "simulator.toml"),
-    "no TOML": (lambda f: (f / TOML).write_text("name = "), "no TOML"),
-    "not text": (lambda f: (f / TOML).write_bytes(b"\xff\xfe"), "no TOML"),
+    "no TOML": (lambda f: (f / TOML).write_text("name = "), "not valid TOML"),
+    "not text": (lambda f: (f / TOML).write_bytes(b"\xff\xfe"), "not valid TOML"),
     "no version": (_toml('version = "0.1"', ""), "version: missing"),
     "markup": (_toml("Other é", "<b>"), "name"),
     "unknown key": (_toml("note", "notes"), "unknown key"),
