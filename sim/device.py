@@ -1,6 +1,6 @@
 """Arrays and kernel launches on one Warp device, and what Warp logs."""
 
-import ctypes.util
+import ctypes
 import logging
 import os
 import re
@@ -117,9 +117,17 @@ def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
     wp.config.log_level = wp.LOG_INFO
     wp.set_logger(WarpLog())
-    has_driver = ctypes.util.find_library("cuda") is not None
-    with nullcontext() if has_driver else _silent_stderr():
+    with nullcontext() if _has_driver() else _silent_stderr():
         wp.init()  # type: ignore[no-untyped-call]
+
+
+def _has_driver() -> bool:
+    # ctypes.util.find_library would start a linker to search for it.
+    try:
+        ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return False
+    return True
 
 
 def warp_device(name: str) -> str:

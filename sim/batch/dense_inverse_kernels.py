@@ -1,7 +1,7 @@
 """Warp kernels that make the dense inverse of the undeformed gel's stiffness.
 
 Blocks of pivots are swept one after the other (Goodnight 1979), each a product of two narrow
-matrices.
+matrices, of which the lower triangle is enough.
 """
 
 # Annotations are evaluated where they stand, since native functions have no body to look them up.
@@ -104,9 +104,12 @@ def place(
 
 @wp.kernel(enable_backward=False)
 def negate(matrix: wp.array2d(dtype=wp.float32)):
-    """Change all signs; launches over the matrix."""
+    """Change the signs of the lower triangle, and mirror it; launches over the matrix."""
     i, j = wp.tid()
-    matrix[i, j] = -matrix[i, j]
+    if j <= i:
+        entry = -matrix[i, j]
+        matrix[i, j] = entry
+        matrix[j, i] = entry
 
 
 @wp.func_native(native_code(__package__, "invert", BLOCK=BLOCK))
@@ -118,10 +121,9 @@ def _invert(
 @wp.func_native(native_code(__package__, "tiles", BLOCK=BLOCK))
 def _multiply(
     left: wp.array2d(dtype=wp.float32),
-    left_row: wp.int32,
     left_column: wp.int32,
     right: wp.array2d(dtype=wp.float32),
-    right_row: wp.int32,
+    right_column: wp.int32,
     sign: wp.float32,
     out: wp.array2d(dtype=wp.float32),
     out_row: wp.int32,
@@ -139,40 +141,46 @@ def invert_block(
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def scale_column(
+def scale_row(
     matrix: wp.array2d(dtype=wp.float32),
     k: wp.int32,
     pivot: wp.array2d(dtype=wp.float32),
-    column: wp.array2d(dtype=wp.float32),
-    along: wp.array2d(dtype=wp.float32),
+    row: wp.array2d(dtype=wp.float32),
+    scaled: wp.array2d(dtype=wp.float32),
 ):
-    """Copy a column of tiles, and multiply it with the pivot's inverse."""
+    """Copy a row of tiles, and multiply it with the pivot's inverse."""
     i, thread = wp.tid()
-    at, size = i * _WIDE, _WIDE * _WIDE
-    for e in range(thread, size, wp.block_dim()):
-        column[at + e / _WIDE, e % _WIDE] = matrix[at + e / _WIDE, k * _WIDE + e % _WIDE]
-    _multiply(matrix, at, k * _WIDE, pivot, 0, wp.float32(0.0), along, at, 0)
+    x, y = i * _WIDE, k * _WIDE
+    for e in range(thread, _WIDE * _WIDE, wp.block_dim()):
+        p, q = e / _WIDE, e % _WIDE
+        if i <= k:
+            row[p, x + q] = matrix[y + p, x + q]
+        else:
+            row[q, x + p] = matrix[x + p, y + q]
+    _multiply(pivot, 0, row, x, wp.float32(0.0), scaled, 0, x)
 
 
 @wp.kernel(enable_backward=False, module="unique")
 def update(
-    column: wp.array2d(dtype=wp.float32),
-    along: wp.array2d(dtype=wp.float32),
+    row: wp.array2d(dtype=wp.float32),
+    scaled: wp.array2d(dtype=wp.float32),
     pivot: wp.array2d(dtype=wp.float32),
     k: wp.int32,
     matrix: wp.array2d(dtype=wp.float32),
 ):
-    """Sweep a block of pivots: one block of threads has a tile."""
+    """Sweep a block of pivots: one block of threads has a tile, of the lower triangle."""
     i, j, thread = wp.tid()
     y, x = i * _WIDE, j * _WIDE
+    if j > i:
+        return
     if i == k or j == k:
         for e in range(thread, _WIDE * _WIDE, wp.block_dim()):
             p, q = e / _WIDE, e % _WIDE
             if i == k and j == k:
                 matrix[y + p, x + q] = -pivot[p, q]
-            elif j == k:
-                matrix[y + p, x + q] = along[y + p, q]
+            elif i == k:
+                matrix[y + p, x + q] = scaled[p, x + q]
             else:
-                matrix[y + p, x + q] = along[x + q, p]
+                matrix[y + p, x + q] = scaled[q, y + p]
     else:
-        _multiply(along, y, 0, column, x, wp.float32(1.0), matrix, y, x)
+        _multiply(scaled, y, row, x, wp.float32(1.0), matrix, y, x)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +22,7 @@ from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
 from sim.scene.pad import BoxPad
-from sim.scene.scene import ContactMode, Motion, Scene, Target
+from sim.scene.scene import ContactMode, Effect, Motion, Scene, Target
 from sim.sensitivity import kept
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
@@ -45,13 +46,15 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         RigError: An indenter cannot be pressed on a mesh of its own.
     """
     friction = model.contact_options.friction
-    mode = ContactMode.FRICTION if friction > 0.0 else ContactMode.FRICTIONLESS
+    how: dict[str, Any] = {}
+    if friction > 0.0:  # which nobody need try to leave out
+        how = {"contact": ContactMode.FRICTION, "effects": ((Effect.FRICTION, True),)}
     rows = []
     for body in indenters:
         most_m = _DEPTHS[1] * model.height_m
         if isinstance(body, Sphere):
             most_m = min(most_m, _BALL_SHARE * body.diameter_m)
-        deepest = sensor.scene(body, Target(depth_m=most_m), contact=mode, friction=friction)
+        deepest = sensor.scene(body, Target(depth_m=most_m), friction=friction, **how)
         rows.append(kept((deepest, edge_of(model)), 6, partial(_measured, model, deepest, most_m)))
     table, bias = np.array(rows), bias_of(model).of(sharp(indenters).astype(int))
     bias.known[:, 0] += table[:, 0]

@@ -210,17 +210,15 @@ def inverted(matrix: Any, device: Device) -> Any:
     size = matrix.shape[0]
     count = size // kernels.BLOCK
     pivot_inverse = device.zeros((kernels.BLOCK, kernels.BLOCK), wp.float32)
-    column, along = (device.zeros((size, kernels.BLOCK), wp.float32) for _ in range(2))
-    threads = 256 if device.is_gpu else 1
+    row, scaled = (device.zeros((kernels.BLOCK, size), wp.float32) for _ in range(2))
 
-    def blocks(kernel: Any, shape: tuple[int, ...], inputs: list[Any]) -> None:
-        wp.launch(
-            kernel, dim=(*shape, threads), inputs=inputs, block_dim=threads, device=device.name
-        )
+    def blocks(kernel: Any, shape: tuple[int, ...], inputs: list[Any], threads: int = 64) -> None:
+        many = threads if device.is_gpu else 1
+        wp.launch(kernel, dim=(*shape, many), inputs=inputs, block_dim=many, device=device.name)
 
     for k in range(count):
-        blocks(kernels.invert_block, (1,), [matrix, k, pivot_inverse])
-        blocks(kernels.scale_column, (count,), [matrix, k, pivot_inverse, column, along])
-        blocks(kernels.update, (count, count), [column, along, pivot_inverse, k, matrix])
+        blocks(kernels.invert_block, (1,), [matrix, k, pivot_inverse], 256)
+        blocks(kernels.scale_row, (count,), [matrix, k, pivot_inverse, row, scaled])
+        blocks(kernels.update, (count, count), [row, scaled, pivot_inverse, k, matrix])
     device.launch(kernels.negate, matrix.shape, [], [matrix])
     return matrix

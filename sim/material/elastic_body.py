@@ -102,13 +102,12 @@ class ElasticBody:
         Those are given for every tetrahedron, or as one number each for all, by environment.
         """
         count = self._shape[0]
-        parameters = [
-            _parameters(self._law, *(np.broadcast_to(each, count) for each in constants))
-            for constants in materials
-        ]
-        return replaced(
-            GelArrays, self._arrays, parameters=self._device.array(parameters, wp.vec4d)
-        )
+        found = {  # many environments may share what is given
+            key: _parameters(self._law, *(np.broadcast_to(each, count) for each in constants))
+            for key, constants in {id(each): each for each in materials}.items()
+        }
+        parameters = self._device.array([found[id(each)] for each in materials], wp.vec4d)
+        return replaced(GelArrays, self._arrays, parameters=parameters)
 
     def buffers(self, count: int) -> tuple[Any, Any, Any]:
         """Return buffers for environments' gradients [N], energies [J] and volume ratios."""
@@ -203,7 +202,6 @@ class ElasticBody:
 
 def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:
     """Return the law's numbers of every tetrahedron, shape [tet_count, 4]."""
-    materials = np.column_stack([young_pa, poisson])
-    distinct, material = np.unique(materials, axis=0, return_inverse=True)
-    parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
+    distinct, material = np.unique(young_pa + 1j * poisson, return_inverse=True)
+    parameters = np.array([law.parameters(each.real, each.imag) for each in distinct.tolist()])
     return parameters[material.reshape(-1)]

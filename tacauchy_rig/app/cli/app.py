@@ -1,6 +1,8 @@
 """The ``tacauchy-rig`` program: commands, and the one place where errors become exit codes."""
 
+import atexit
 import errno
+import gc
 import logging
 import sys
 from collections.abc import Mapping
@@ -179,6 +181,7 @@ def options(
 
 def main() -> None:
     """Run the program; exit 0 pass, 1 criteria missed, 2 error, 3 aborted."""
+    atexit.register(gc.freeze)  # else the exit searches all that was imported, for 0.3 s
     run_program(app)
 
 
