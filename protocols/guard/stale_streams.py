@@ -64,17 +64,17 @@ class StreamGuard:
     def check_force(self, health: StreamHealth, *, now_ns: int) -> None:
         """Refuse a force stream that is stale, late or lossy."""
         lag_s, age_s = self.force_lag_s, health.age_s
-        finding = f"force samples arrive {lag_s * 1e3:.0f} ms late"
+        finding = "force samples arrive {:.0f} ms late"
         remedy = "see `tacauchy-rig doctor`: latency timer of the serial adapter"
         self._require_fresh("force", lag_s, finding, Reaction.HOLD, remedy)
-        finding = f"the newest force sample is {age_s * 1e3:.0f} ms old"
+        finding = "the newest force sample is {:.0f} ms old"
         remedy = "check the box's power and cable, then `tacauchy-rig doctor`"
         self._require_fresh("force", age_s, finding, Reaction.HOLD, remedy)
         self._check_losses(health, now_ns)
 
     def check_image(self, health: StreamHealth) -> None:
         """Refuse a camera whose images are stale, or the same again and again."""
-        finding = f"the newest image is {health.age_s * 1e3:.0f} ms old"
+        finding = "the newest image is {:.0f} ms old"
         remedy = "check the camera's cable and USB port, then `tacauchy-rig doctor`"
         self._require_fresh("image", health.age_s, finding, Reaction.RETRACT, remedy)
         if health.repeat_count >= self._limits.repeat_count:
@@ -93,7 +93,7 @@ class StreamGuard:
         limit_s: float = getattr(self._limits, f"stale_{stream}")
         disturbed = self._undisturbed_s < limit_s and age_s <= PATIENCE * limit_s
         if age_s > limit_s and not disturbed:
-            text = f"{name} {limit_s * 1e3:g} ms: {finding}"
+            text = f"{name} {limit_s * 1e3:g} ms: {finding.format(age_s * 1e3)}"
             if self.held_up_s > 0.0:
                 text += f" (this computer was held up for {self.held_up_s * 1e3:.0f} ms, "
                 text += f"{self._undisturbed_s * 1e3:.0f} ms ago)"

@@ -150,7 +150,8 @@ class MockCamera(_MockStream[ImageFrame]):
 
     def health(self) -> StreamHealth:
         """Return counts, age and rate, and what is at full scale."""
-        return replace(super().health(), clipped_ratio=float(self._is_overexposed))
+        health = super().health()
+        return replace(health, clipped_ratio=1.0) if self._is_overexposed else health
 
     def _make(self, now_ns: int) -> None:
         faults = self.world.faults_of(self.device)

@@ -138,7 +138,8 @@ class MockWorld:
 
     def faults_of(self, device: Device) -> dict[FaultKind, Fault]:
         """Return the faults of ``device`` that are on now."""
-        return {fault.kind: fault for fault in self.faults if fault.device is device}
+        faults = self.faults  # a dozen questions a step, nearly always of none
+        return {each.kind: each for each in faults if each.device is device} if faults else {}
 
     def plan(self, faults: Iterable[str]) -> None:
         """Let faults such as ``robot:protective-stop@3s`` begin and end in time."""
@@ -165,7 +166,7 @@ class MockWorld:
         load: Vector6 = (0.01 * self.force_n, 0.0, along, 0.0, 0.0, 0.0)
         scales = (self.noise_n,) * 3 + (self.noise_n * 1e-2,) * 3
         rows, gauss = zip(self.bias, load, self.disturbance, scales, strict=True), self.random.gauss
-        return vector6(b + f + d + gauss(0.0, s) for b, f, d, s in rows)
+        return vector6([b + f + d + gauss(0.0, s) for b, f, d, s in rows])
 
     def felt_by_arm(self, *, duration_s: float) -> Vector6:
         """Return what an arm feels now that was asked so long ago [N, N m]."""

@@ -3,6 +3,7 @@
 import math
 import random
 from dataclasses import dataclass
+from operator import sub
 
 from drivers.arm.ur5_protocol import (
     INPUT_TYPES,
@@ -315,16 +316,15 @@ class ForceEstimate:
         sign, gain, gauss = self._sign, self._gain, self._random.gauss
         if self._coarseness.friction_n > 0.0:
             self._advance_friction(velocity, duration_s)
+        self._noise = [kept * old + gauss(0.0, fresh) for old in self._noise]
         axes = zip(wrench, self._axes, self._noise, self._friction, strict=True)
-        self._noise, estimate = [], []
-        for true, (scale, offset, drift), old, friction in axes:
-            noise = kept * old + gauss(0.0, fresh)
-            self._noise.append(noise)
-            estimate.append(
+        self._newest = vector6(
+            [
                 sign * (gain * true + scale * (offset + drift * elapsed_s + noise + friction))
-            )
-        self._newest = vector6(estimate)
-        return vector6(new - zero for new, zero in zip(estimate, self._zero, strict=True))
+                for true, (scale, offset, drift), noise, friction in axes
+            ]
+        )
+        return vector6(map(sub, self._newest, self._zero))
 
     def _advance_friction(self, velocity: Vector6, duration_s: float) -> None:
         for axis, speed in enumerate(velocity[:3]):

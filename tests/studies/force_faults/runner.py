@@ -165,7 +165,7 @@ class _DrawnWorld(MockWorld):
         load = (self._cell.sideways(true_n, self.progress), 0.0, along_n, 0.0, 0.0, 0.0)
         scales = (self.noise_n,) * 3 + (self.noise_n * 1e-2,) * 3
         rows = zip(load, scales, strict=True)
-        return vector6(value + self.random.gauss(0.0, scale) for value, scale in rows)
+        return vector6([value + self.random.gauss(0.0, scale) for value, scale in rows])
 
     def felt_by_arm(self, *, duration_s: float) -> Vector6:
         """Return what the arm feels, with its fault."""

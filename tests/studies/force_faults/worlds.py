@@ -62,7 +62,9 @@ class MiniGel(Gel):
 
     def press(self, depth_m: float, *, duration_s: float) -> float:
         """Relax as any mock gel does, along the table's force instead of a straight line."""
-        depth_mm = max(depth_m, 0.0) * 1e3
+        if depth_m <= 0.0:
+            return super().press(0.0, duration_s=duration_s)
+        depth_mm = depth_m * 1e3
         beyond = self._end_slope * max(0.0, depth_mm - self._depths_mm[-1])
         force_n = self.factor * (
             float(np.interp(depth_mm, self._depths_mm, self._forces_n)) + beyond
