@@ -185,9 +185,9 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
 def _optics_for(scene: Scene, out: Path | None, optics: str, background: Path | None) -> Any:
     """Read how the image is to be made, before anything is simulated; None where none is made."""
-    from tacauchy_rig.app.replay.press_folder import optics_for
-
     if out is not None and scene.sensor:
+        from tacauchy_rig.app.replay.press_folder import optics_for
+
         return optics_for(scene, optics, background)
     if optics or background is not None:
         raise ConfigError(
