@@ -299,7 +299,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             density = wp.float64(0.0)
             v = wp.vec3d()
             if distance < at.surface.distance:
@@ -328,7 +328,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # which keeps it positive semidefinite.
         b, f, q = wp.tid()
         here, x = met(at, b, f, q)
-        distance, n = signed_distance(here, x)
+        distance, n = nearby_gap(here, x, at.surface.distance)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
         if distance < at.surface.distance:
@@ -364,7 +364,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] > 0:
             here, x = met(at, b, f, q)
-            distance, n = signed_distance(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             before, pulled, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
@@ -431,7 +431,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             stiffness = wp.mat33d()
             if distance < at.surface.distance:
                 _energy, _slope, change = normal_contact(at.surface, b, distance)
@@ -457,7 +457,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             v = wp.vec3d()
             if distance < at.surface.distance:
                 _density, slope, _change = normal_contact(at.surface, b, distance)
@@ -469,7 +469,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 formed = wp.float64(0.0)
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
-                    gap, _n = nearby_gap(here, there)
+                    gap, _n = nearby_gap(here, there, at.surface.distance)
                     if gap < at.surface.distance:
                         _density, pressed, _change = normal_contact(at.surface, b, gap)
                         formed += form[q, r] * pressed
@@ -496,7 +496,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         here, x = met(at, b, f, q)
-        distance, _n = nearby_gap(here, x)
+        distance, _n = nearby_gap(here, x, at.surface.distance)
         if distance < at.surface.distance:
             _density, slope, _change = normal_contact(at.surface, b, distance)
             along = wp.vec3d()

@@ -141,12 +141,12 @@ def signed_distance(body: Body, x: wp.vec3d):
 
 
 @wp.func
-def nearby_gap(body: Body, x: wp.vec3d):
-    """Return the gap [m] and its gradient; far from triangles too small a gap."""
+def nearby_gap(body: Body, x: wp.vec3d, reach: wp.float64):
+    """Return the gap [m] and its gradient; beyond a reach [m] triangles may be farther off."""
     p = local_point(body, x)
     gap, n = wp.float64(0.0), wp.vec3d()
     if body.is_mesh:
-        gap, n = nearby_distance(body.surface, p)
+        gap, n = nearby_distance(body.surface, p, reach)
     else:
         gap, n = _analytic_distance(body, p)
     return gap, body.rotation * n

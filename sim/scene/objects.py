@@ -1,12 +1,10 @@
 """Five bodies to press into a gel, from sharp edges to smooth curves, made from their formulas."""
 
-import importlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from sim.scene.indenter import MeshIndenter, mesh_indenter
+from sim.scene.indenter import MeshIndenter, mesh_indenter, ring_walls
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -37,16 +35,14 @@ def cross() -> MeshIndenter:
 
 def ring() -> MeshIndenter:
     """Return a torus of 4.4 mm across its middle line and 1.2 mm thick: one smooth curved line."""
-    torus = _pyvista().ParametricTorus(
-        ringradius=2.2e-3, crosssectionradius=0.6e-3, u_res=_AROUND + 1, v_res=_AROUND // 2 + 1
-    )
-    return _indenter(torus, "ring")
+    turn = np.linspace(0.0, 2.0 * np.pi, _AROUND // 2 + 1)
+    return _revolved(2.2e-3 + 0.6e-3 * np.cos(turn), 0.6e-3 * np.sin(turn), "ring")
 
 
 def ellipsoid() -> MeshIndenter:
     """Return an ellipsoid with half axes of 3, 1.8 and 2 mm: smooth, of no one radius."""
-    ball = _pyvista().Sphere(radius=1.0, theta_resolution=_AROUND, phi_resolution=_AROUND // 2 + 1)
-    return _indenter(ball.scale((3e-3, 1.8e-3, 2e-3)), "ellipsoid")
+    turn = np.linspace(0.0, np.pi, _AROUND // 2 + 1)
+    return _revolved(np.sin(turn), -2e-3 * np.cos(turn), "ellipsoid", half_axes=(3e-3, 1.8e-3))
 
 
 def chisel() -> MeshIndenter:
@@ -85,18 +81,27 @@ def parse_object(name: str) -> MeshIndenter:
 
 
 def _prism(outline: FloatArray, name: str) -> MeshIndenter:
-    """Extrude an outline, shape [n, 2] [m]."""
-    corners = np.column_stack([outline, np.zeros(len(outline))])
-    face = _pyvista().PolyData(corners, faces=[len(outline), *range(len(outline))])
-    return _indenter(face.extrude((0.0, 0.0, _HEIGHT_M), capping=True), name)
+    """Extrude an outline, shape [n, 2] [m], all of which is seen from the origin."""
+    rings = np.zeros((4, len(outline), 3))
+    rings[1:3, :, :2], rings[2:, :, 2] = outline, _HEIGHT_M
+    return _between(rings, name)
 
 
-def _indenter(surface: Any, name: str) -> MeshIndenter:
-    """Return an object of pyvista's surface."""
-    triangles = surface.triangulate().clean().compute_normals(consistent_normals=True)
-    faces = triangles.faces.reshape(-1, 4)[:, 1:]
-    return mesh_indenter(triangles.points.astype(np.float64), faces, name=f"object {name}")
+def _revolved(
+    radii: FloatArray,
+    heights: FloatArray,
+    name: str,
+    *,
+    half_axes: tuple[float, float] = (1.0, 1.0),
+) -> MeshIndenter:
+    """Turn a line about z; x and y are then stretched."""
+    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
+    around = np.column_stack([np.cos(angle), np.sin(angle)]) * half_axes
+    level = np.broadcast_to(heights[:, None], (len(heights), _AROUND))
+    return _between(np.dstack([radii[:, None, None] * around, level]), name)
 
 
-def _pyvista() -> Any:
-    return importlib.import_module("pyvista")
+def _between(rings: FloatArray, name: str) -> MeshIndenter:
+    """Return the body between neighbouring rings of points [m], shape [ring_count, n, 3]."""
+    places = np.arange(rings[..., 0].size).reshape(rings.shape[:2])
+    return mesh_indenter(rings.reshape(-1, 3), ring_walls(places), name=f"object {name}")
