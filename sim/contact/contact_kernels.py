@@ -45,7 +45,6 @@ from sim.contact.indenter_distance import (
     local_point,
     nearby_gap,
     posed,
-    signed_distance,
 )
 from sim.device import repeatable
 
@@ -119,6 +118,8 @@ def hessian(
                 wp.atomic_add(values_out, slot // 2, total)
 
 
+# A reach within which every gap is exact [m].
+_ALL_M = wp.constant(wp.float64(1.0e3))
 # Least share of its path for which a point that touches has been held.
 _LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
@@ -172,7 +173,7 @@ def share_held(body: Body, free: wp.vec3d, distance: wp.float64, reach: wp.float
         free: Where the point was last free, in the indenter's frame [m].
         distance: Where it is now [m].
     """
-    before, _ = signed_distance(body, body.position + body.rotation * free)
+    before, _ = nearby_gap(body, body.position + body.rotation * free, _ALL_M)
     share = wp.float64(1.0)
     if before > reach:
         share = wp.max((reach - distance) / (before - distance), _LEAST_SHARE)

@@ -8,13 +8,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_rays import (
-    DeviceSurface,
-    nearby_distance,
-    on_device,
-    surface_curvature,
-    surface_distance,
-)
+from sim.scene.triangle_rays import DeviceSurface, nearby_distance, on_device, surface_curvature
 from tacauchy_rig.core.arrays import FloatArray
 
 # Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
@@ -126,18 +120,6 @@ def _analytic_distance(body: Body, p: wp.vec3d):
             gap = side - body.fillet
             n = outward
     return gap, n
-
-
-@wp.func
-def signed_distance(body: Body, x: wp.vec3d):
-    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
-    p = local_point(body, x)
-    gap, n = wp.float64(0.0), wp.vec3d()
-    if body.is_mesh:
-        gap, n = surface_distance(body.surface, p)
-    else:
-        gap, n = _analytic_distance(body, p)
-    return gap, body.rotation * n
 
 
 @wp.func

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim.scene.indenter import MeshIndenter, mesh_indenter, ring_walls
+from sim.scene.indenter import MeshIndenter, mesh_indenter, ring_walls, turned_triangles
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -36,13 +36,15 @@ def cross() -> MeshIndenter:
 def ring() -> MeshIndenter:
     """Return a torus of 4.4 mm across its middle line and 1.2 mm thick: one smooth curved line."""
     turn = np.linspace(0.0, 2.0 * np.pi, _AROUND // 2 + 1)
-    return _revolved(2.2e-3 + 0.6e-3 * np.cos(turn), 0.6e-3 * np.sin(turn), "ring")
+    line = 2.2e-3 + 0.6e-3 * np.cos(turn), 0.6e-3 * np.sin(turn)
+    return mesh_indenter(*turned_triangles(*line, _AROUND), name="object ring")
 
 
 def ellipsoid() -> MeshIndenter:
     """Return an ellipsoid with half axes of 3, 1.8 and 2 mm: smooth, of no one radius."""
     turn = np.linspace(0.0, np.pi, _AROUND // 2 + 1)
-    return _revolved(np.sin(turn), -2e-3 * np.cos(turn), "ellipsoid", half_axes=(3e-3, 1.8e-3))
+    ball, faces = turned_triangles(np.sin(turn), -np.cos(turn), _AROUND)
+    return mesh_indenter(ball * (3e-3, 1.8e-3, 2e-3), faces, name="object ellipsoid")
 
 
 def chisel() -> MeshIndenter:
@@ -84,24 +86,5 @@ def _prism(outline: FloatArray, name: str) -> MeshIndenter:
     """Extrude an outline, shape [n, 2] [m], all of which is seen from the origin."""
     rings = np.zeros((4, len(outline), 3))
     rings[1:3, :, :2], rings[2:, :, 2] = outline, _HEIGHT_M
-    return _between(rings, name)
-
-
-def _revolved(
-    radii: FloatArray,
-    heights: FloatArray,
-    name: str,
-    *,
-    half_axes: tuple[float, float] = (1.0, 1.0),
-) -> MeshIndenter:
-    """Turn a line about z; x and y are then stretched."""
-    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    around = np.column_stack([np.cos(angle), np.sin(angle)]) * half_axes
-    level = np.broadcast_to(heights[:, None], (len(heights), _AROUND))
-    return _between(np.dstack([radii[:, None, None] * around, level]), name)
-
-
-def _between(rings: FloatArray, name: str) -> MeshIndenter:
-    """Return the body between neighbouring rings of points [m], shape [ring_count, n, 3]."""
-    places = np.arange(rings[..., 0].size).reshape(rings.shape[:2])
-    return mesh_indenter(rings.reshape(-1, 3), ring_walls(places), name=f"object {name}")
+    walls = ring_walls(np.arange(4 * len(outline)).reshape(4, -1))
+    return mesh_indenter(rings.reshape(-1, 3), walls, name=f"object {name}")
