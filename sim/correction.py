@@ -25,7 +25,8 @@ from sim.scene.scene import ContactMode, Output, Preset, Scene
 
 WAY, WAY_WITH_FRICTION = 0.5, 0.75
 """Refinement of the load-step mesh against preset fast; below 1 is coarser. Friction depends on all
-load steps, so it needs the finer of the two."""
+load steps, so it needs the finer of the two, except where the end state's edges are longer: 0.3 and
+0.45 then differ by 0.1 and 0.3 % of F_z."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +153,10 @@ def corrected_settings(scene: Scene) -> dict[Setting, RelativeCost]:
     """Return every setting whose bias is known, the cheapest first, with what will be stated."""
     way = WAY_WITH_FRICTION if scene.contact is ContactMode.FRICTION else WAY
     return {
-        Setting(Preset.FAST, refinement, way * min(1.0, refinement)): RelativeCost(
+        Setting(Preset.FAST, edges, way if edges >= 1.0 else WAY * edges): RelativeCost(
             rule.time_ratio, rule.rest(scene)
         )
-        for refinement, rule in rules_of(scene).items()
+        for edges, rule in rules_of(scene).items()
     }
 
 
