@@ -45,7 +45,6 @@ from sim.contact.indenter_distance import (
     local_point,
     nearby_gap,
     posed,
-    signed_distance,
 )
 from sim.device import repeatable
 
@@ -119,6 +118,8 @@ def hessian(
                 wp.atomic_add(values_out, slot // 2, total)
 
 
+# A reach within which every gap is exact [m].
+_ALL_M = wp.constant(wp.float64(1.0e3))
 # Least share of its path for which a point that touches has been held.
 _LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
@@ -172,7 +173,7 @@ def share_held(body: Body, free: wp.vec3d, distance: wp.float64, reach: wp.float
         free: Where the point was last free, in the indenter's frame [m].
         distance: Where it is now [m].
     """
-    before, _ = signed_distance(body, body.position + body.rotation * free)
+    before, _ = nearby_gap(body, body.position + body.rotation * free, _ALL_M)
     share = wp.float64(1.0)
     if before > reach:
         share = wp.max((reach - distance) / (before - distance), _LEAST_SHARE)
@@ -299,7 +300,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             density = wp.float64(0.0)
             v = wp.vec3d()
             if distance < at.surface.distance:
@@ -328,7 +329,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # which keeps it positive semidefinite.
         b, f, q = wp.tid()
         here, x = met(at, b, f, q)
-        distance, n = signed_distance(here, x)
+        distance, n = nearby_gap(here, x, at.surface.distance)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
         if distance < at.surface.distance:
@@ -364,7 +365,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] > 0:
             here, x = met(at, b, f, q)
-            distance, n = signed_distance(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             before, pulled, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
@@ -431,7 +432,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             stiffness = wp.mat33d()
             if distance < at.surface.distance:
                 _energy, _slope, change = normal_contact(at.surface, b, distance)
@@ -457,7 +458,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x)
+            distance, n = nearby_gap(here, x, at.surface.distance)
             v = wp.vec3d()
             if distance < at.surface.distance:
                 _density, slope, _change = normal_contact(at.surface, b, distance)
@@ -469,7 +470,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 formed = wp.float64(0.0)
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
-                    gap, _n = nearby_gap(here, there)
+                    gap, _n = nearby_gap(here, there, at.surface.distance)
                     if gap < at.surface.distance:
                         _density, pressed, _change = normal_contact(at.surface, b, gap)
                         formed += form[q, r] * pressed
@@ -496,7 +497,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         here, x = met(at, b, f, q)
-        distance, _n = nearby_gap(here, x)
+        distance, _n = nearby_gap(here, x, at.surface.distance)
         if distance < at.surface.distance:
             _density, slope, _change = normal_contact(at.surface, b, distance)
             along = wp.vec3d()

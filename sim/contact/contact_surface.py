@@ -92,7 +92,7 @@ class ContactForces:
     """Contact at every quadrature point of the surface, shape [face_count, point_count, ...]."""
 
     points: FloatArray  # positions [m]
-    gaps: FloatArray  # from there to the indenter [m]
+    gaps: FloatArray  # to the indenter [m]; of triangles beyond d_hat it may be less
     forces: FloatArray  # force on the indenter [N]
     stiffness: FloatArray  # derivative of that force by the point's motion [N/m]
 
@@ -173,7 +173,7 @@ class ContactSurface:
         )
 
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
-        """Return the gap of every contact point [m], shape [face_count, point_count]."""
+        """Return the gaps as ``ContactForces`` has them."""
         return self.forces(positions, indenter, state).gaps
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:

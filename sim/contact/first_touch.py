@@ -30,7 +30,7 @@ def _gaps(
     by = wp.abs(lowered[b])
     least = gap_io[b, p] - by
     if least <= by:
-        least, _n = nearby_gap(posed(bodies, poses, b), points[b, p])
+        least, _n = nearby_gap(posed(bodies, poses, b), points[b, p], by)
     gap_io[b, p] = least
 
 

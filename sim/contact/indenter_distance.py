@@ -8,13 +8,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_distance import (
-    DeviceSurface,
-    nearby_distance,
-    on_device,
-    surface_curvature,
-    surface_distance,
-)
+from sim.scene.triangle_distance import DeviceSurface, nearby_distance, on_device, surface_curvature
 from tacauchy_rig.core.arrays import FloatArray
 
 # Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
@@ -129,24 +123,12 @@ def _analytic_distance(body: Body, p: wp.vec3d):
 
 
 @wp.func
-def signed_distance(body: Body, x: wp.vec3d):
-    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+def nearby_gap(body: Body, x: wp.vec3d, reach: wp.float64):
+    """Return the gap [m] and its gradient; beyond a reach [m] triangles may be farther off."""
     p = local_point(body, x)
     gap, n = wp.float64(0.0), wp.vec3d()
     if body.is_mesh:
-        gap, n = surface_distance(body.surface, p)
-    else:
-        gap, n = _analytic_distance(body, p)
-    return gap, body.rotation * n
-
-
-@wp.func
-def nearby_gap(body: Body, x: wp.vec3d):
-    """Return the gap [m] and its gradient; far from triangles too small a gap."""
-    p = local_point(body, x)
-    gap, n = wp.float64(0.0), wp.vec3d()
-    if body.is_mesh:
-        gap, n = nearby_distance(body.surface, p)
+        gap, n = nearby_distance(body.surface, p, reach)
     else:
         gap, n = _analytic_distance(body, p)
     return gap, body.rotation * n

@@ -84,11 +84,16 @@ def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
 
 def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
     """Halve edges until none is longer than 3/2 of the target length [m] at its middle."""
+    known, sizes = np.array([-1]), np.array([np.nan])
     while True:
         check_time()
         ends, lengths, of_tets, longest = _edges(mesh)
         middles = mesh.vertices[ends].mean(axis=1)
-        too_long = lengths > _TOO_LONG * size_at(middles)
+        names = ends[:, 0] * _TETS_MAX + ends[:, 1]  # sorted, and the same as long as it is an edge
+        at = np.searchsorted(known, names).clip(max=len(known) - 1)
+        new, known, sizes = known[at] != names, names, sizes[at]
+        sizes[new] = size_at(middles[new])
+        too_long = lengths > _TOO_LONG * sizes
         if not too_long.any():
             return mesh
         mesh = _halved(mesh, ends, longest, middles, _wanted(of_tets, longest, too_long))

@@ -81,7 +81,8 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     block_row[moving] = np.arange(len(moving), dtype=np.int32)
     rows, columns = _pairs(block_row[elements])
     kept = (rows >= 0) & (rows <= columns)
-    block_keys = np.unique(_keys(rows[kept], columns[kept], len(fixed)))
+    keys = np.sort(_keys(rows[kept], columns[kept], len(fixed)))
+    block_keys = keys[np.diff(keys, prepend=-1) > 0]
     free_dofs = np.flatnonzero(~fixed.reshape(-1))
     unknown = np.full((len(fixed), 3), -1, dtype=np.int64)
     unknown.reshape(-1)[free_dofs] = np.arange(len(free_dofs))
@@ -91,15 +92,17 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     )
     flat_row, flat_column = row.reshape(-1), column.reshape(-1)
     upper = np.flatnonzero((flat_row >= 0) & (flat_row <= flat_column))
-    gather = upper[np.lexsort((flat_column[upper], flat_row[upper]))]
-    counts = np.bincount(flat_row[gather], minlength=len(free_dofs))
+    # Blocks are sorted: by rows alone, columns stay so.
+    placed = scipy.sparse.csr_matrix(
+        (upper, (flat_row[upper], flat_column[upper])), (len(free_dofs),) * 2
+    )
     return SparsePattern(
         free_dofs=free_dofs,
         block_row=block_row,
         block_keys=block_keys,
-        indptr=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        indices=flat_column[gather].astype(np.int32),
-        gather=gather,
+        indptr=placed.indptr,
+        indices=placed.indices,
+        gather=placed.data,
     )
 
 

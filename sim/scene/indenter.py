@@ -318,21 +318,18 @@ def cylinder_triangles(
     radii = cylinder.radius_m - cylinder.fillet_m * (1.0 - np.sin(turn))
     heights = cylinder.fillet_m * (1.0 - np.cos(turn))
     length = _LENGTH_PER_DIAMETER * cylinder.diameter_m
-    radii, heights = np.append(radii, cylinder.radius_m), np.append(heights, length)
+    radii = np.concatenate([[0.0], radii, [cylinder.radius_m, 0.0]])
+    return turned_triangles(radii, np.concatenate([[0.0], heights, [length, length]]), sectors)
+
+
+def turned_triangles(
+    radii: FloatArray, heights: FloatArray, sectors: int
+) -> tuple[FloatArray, IntArray]:
+    """Return vertices [m] and faces of a line turned about z; on the axis vertices coincide."""
     angles = 2.0 * np.pi * np.arange(sectors) / sectors
-    rings = np.stack(
-        [
-            radii[:, None] * np.cos(angles),
-            radii[:, None] * np.sin(angles),
-            np.broadcast_to(heights[:, None], (len(radii), sectors)),
-        ],
-        axis=-1,
-    )
-    vertices = np.concatenate([[[0.0, 0.0, 0.0], [0.0, 0.0, length]], rings.reshape(-1, 3)])
-    index = np.arange(2, 2 + len(radii) * sectors, dtype=np.int32).reshape(-1, sectors)
-    bottom = np.column_stack([np.zeros(sectors, dtype=int), np.roll(index[0], -1), index[0]])
-    top = np.column_stack([np.ones(sectors, dtype=int), index[-1], np.roll(index[-1], -1)])
-    return vertices, np.concatenate([bottom, top, ring_walls(index)]).astype(np.int32)
+    x, y = (np.outer(radii, along) for along in (np.cos(angles), np.sin(angles)))
+    rings = np.stack([x, y, np.broadcast_to(heights[:, None], x.shape)], axis=-1)
+    return rings.reshape(-1, 3), ring_walls(np.arange(x.size).reshape(x.shape))
 
 
 def ring_walls(index: IntArray) -> IntArray:

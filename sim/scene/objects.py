@@ -1,12 +1,10 @@
 """Five bodies to press into a gel, from sharp edges to smooth curves, made from their formulas."""
 
-import importlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from sim.scene.indenter import MeshIndenter, mesh_indenter
+from sim.scene.indenter import MeshIndenter, mesh_indenter, ring_walls, turned_triangles
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -37,16 +35,16 @@ def cross() -> MeshIndenter:
 
 def ring() -> MeshIndenter:
     """Return a torus of 4.4 mm across its middle line and 1.2 mm thick: one smooth curved line."""
-    torus = _pyvista().ParametricTorus(
-        ringradius=2.2e-3, crosssectionradius=0.6e-3, u_res=_AROUND + 1, v_res=_AROUND // 2 + 1
-    )
-    return _indenter(torus, "ring")
+    turn = np.linspace(0.0, 2.0 * np.pi, _AROUND // 2 + 1)
+    line = 2.2e-3 + 0.6e-3 * np.cos(turn), 0.6e-3 * np.sin(turn)
+    return mesh_indenter(*turned_triangles(*line, _AROUND), name="object ring")
 
 
 def ellipsoid() -> MeshIndenter:
     """Return an ellipsoid with half axes of 3, 1.8 and 2 mm: smooth, of no one radius."""
-    ball = _pyvista().Sphere(radius=1.0, theta_resolution=_AROUND, phi_resolution=_AROUND // 2 + 1)
-    return _indenter(ball.scale((3e-3, 1.8e-3, 2e-3)), "ellipsoid")
+    turn = np.linspace(0.0, np.pi, _AROUND // 2 + 1)
+    ball, faces = turned_triangles(np.sin(turn), -np.cos(turn), _AROUND)
+    return mesh_indenter(ball * (3e-3, 1.8e-3, 2e-3), faces, name="object ellipsoid")
 
 
 def chisel() -> MeshIndenter:
@@ -85,18 +83,8 @@ def parse_object(name: str) -> MeshIndenter:
 
 
 def _prism(outline: FloatArray, name: str) -> MeshIndenter:
-    """Extrude an outline, shape [n, 2] [m]."""
-    corners = np.column_stack([outline, np.zeros(len(outline))])
-    face = _pyvista().PolyData(corners, faces=[len(outline), *range(len(outline))])
-    return _indenter(face.extrude((0.0, 0.0, _HEIGHT_M), capping=True), name)
-
-
-def _indenter(surface: Any, name: str) -> MeshIndenter:
-    """Return an object of pyvista's surface."""
-    triangles = surface.triangulate().clean().compute_normals(consistent_normals=True)
-    faces = triangles.faces.reshape(-1, 4)[:, 1:]
-    return mesh_indenter(triangles.points.astype(np.float64), faces, name=f"object {name}")
-
-
-def _pyvista() -> Any:
-    return importlib.import_module("pyvista")
+    """Extrude an outline, shape [n, 2] [m], all of which is seen from the origin."""
+    rings = np.zeros((4, len(outline), 3))
+    rings[1:3, :, :2], rings[2:, :, 2] = outline, _HEIGHT_M
+    walls = ring_walls(np.arange(4 * len(outline)).reshape(4, -1))
+    return mesh_indenter(rings.reshape(-1, 3), walls, name=f"object {name}")

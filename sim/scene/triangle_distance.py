@@ -34,7 +34,7 @@ _MOVES_MAX = wp.constant(16)
 # How often a point rises towards a round body at most, and the distance at which it has met it [m].
 _RISES_MAX = wp.constant(60)
 _MET_M = wp.constant(wp.float64(1.0e-10))
-# Of the surface's size: farther than this from its box, the distance to the box will do.
+# Of the surface's size: farther than this from it, no exact distance is needed.
 _FAR_SHARE = wp.constant(wp.float64(0.02))
 
 
@@ -142,11 +142,9 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
 
 
 @wp.func
-def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from the face that the tree proposes."""
-    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
-    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    best = nearest_on_face(surface, query.face if query.result else 0, p)
+def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
+    """Return the nearest point of a surface, from a face that is near it."""
+    best = nearest_on_face(surface, face, p)
     for _ in range(_MOVES_MAX):
         here = best
         for k in range(3):
@@ -165,9 +163,16 @@ def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
 
 
 @wp.func
-def surface_distance(surface: DeviceSurface, p: wp.vec3d):
-    """Return the distance [m], positive outside, and its gradient."""
-    found = nearest_on_surface(surface, p)
+def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
+    """Return the nearest point of a surface, from the face that the tree proposes."""
+    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
+    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
+    return _nearest_from(surface, query.face if query.result else 0, p)
+
+
+@wp.func
+def _signed(surface: DeviceSurface, p: wp.vec3d, found: Nearest):
+    """Return the distance to the nearest point [m], positive outside, and its gradient."""
     n = surface.face_normals[found.face]
     distance = wp.dot(p - surface.vertices[surface.faces[found.face, 0]], n)
     if found.feature != _FACE:
@@ -184,6 +189,13 @@ def surface_distance(surface: DeviceSurface, p: wp.vec3d):
         if found.squared > wp.float64(1.0e-30):
             n = left / distance
     return distance - surface.rounding, n
+
+
+@wp.func
+def surface_distance(surface: DeviceSurface, p: wp.vec3d):
+    """Return the distance [m], positive outside, and its gradient."""
+    distance, n = _signed(surface, p, nearest_on_surface(surface, p))
+    return distance, n
 
 
 @wp.func
@@ -205,19 +217,30 @@ def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
 
 
 @wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
-    """Return the same; far from the surface the distance to its box, which is less.
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
+    """Return the same; beyond ``reach`` [m] outside a distance that may be less, but not shorter.
 
-    It is exact where it is less than the rounding.
+    It is exact where it is less than the rounding, too. Where no face is near, a ray down that
+    meets none tells that the point is outside.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
-    distance = wp.length(beside) - surface.rounding
-    n = beside
-    if distance > surface.rounding and distance * surface.per_size > _FAR_SHARE:
+    distance, n = wp.length(beside) - surface.rounding, beside
+    far = wp.max(_FAR_SHARE / surface.per_size + surface.rounding, reach)
+    if distance > far:
         n = wp.normalize(beside)
     else:
-        distance, n = surface_distance(surface, p)
+        scaled = wp.vec3f(away * surface.per_size)
+        near = wp.float32((far + surface.rounding) * surface.per_size)
+        query = wp.mesh_query_point_no_sign(surface.tree, scaled, near)
+        if query.result:
+            distance, n = _signed(surface, p, _nearest_from(surface, query.face, p))
+        else:
+            down = wp.vec3f(0.0, 0.0, -1.0)
+            hit = wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6))
+            distance = far
+            if hit.result:
+                distance, n = surface_distance(surface, p)
     return distance, n
 
 

@@ -154,7 +154,7 @@ def _gaps_at(
     gap_out: wp.array2d(dtype=wp.float64),
 ):
     b, i = wp.tid()
-    gap, _n = nearby_gap(posed(bodies, poses, b), places[i])
+    gap, _n = nearby_gap(posed(bodies, poses, b), places[i], wp.float64(0.0))
     gap_out[b, i] = gap
 
 

@@ -22,7 +22,7 @@ from sim.scene.indenter import (
     mesh_indenter,
     tilted,
 )
-from sim.scene.objects import chisel
+from sim.scene.objects import OBJECTS, chisel
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
@@ -31,12 +31,16 @@ from tacauchy_rig.core.arrays import FloatArray
 PUNCH = Cylinder(diameter_m=4e-3)
 # The chord of one of 256 sides is farther in than the circle by r (1 - cos(pi / 256)).
 SAGITTA_M = PUNCH.radius_m * (1.0 - np.cos(np.pi / 256))
+# A barrier that reaches all around: within it gaps are exact, and the direction of its force tells
+# the gradient.
+REACH_M = 50e-3
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
     """Return a block whose surface is what is measured from."""
-    return pad_model(brick_mesh((4, 4, 2)), order=ElementOrder.P1)
+    options = ContactOptions(distance_m=REACH_M)
+    return pad_model(brick_mesh((4, 4, 2)), order=ElementOrder.P1, contact_options=options)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +78,6 @@ def test_a_gap_is_one_away_from_its_body(model: Model, triangles: Indenter) -> N
 
 
 HALF_M = np.array([2e-3, 3e-3, 4e-3])
-# A barrier that reaches all around: the direction of its force tells the gradient.
-REACH_M = 50e-3
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +123,21 @@ def test_distance_and_direction_are_those_of_a_box(
     normals = -found.forces / np.linalg.norm(found.forces, axis=-1, keepdims=True)
     on_the_box = points - gaps[..., None] * (normals @ rotation)
     np.testing.assert_allclose(formula(on_the_box), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ring", "cross"])
+def test_gaps_beyond_the_barrier_are_no_larger_than_they_are(wide_block: Model, name: str) -> None:
+    """Within it and inside they are exact, in a ring's hole and in a corner too."""
+    usual = pad_model(brick_mesh((6, 6, 4)), order=ElementOrder.P1)
+    body, rotation = OBJECTS[name]().with_edges(5e-5), tilted(0.1, 0.05)
+    tip = np.array([0.3e-3, 0.1e-3, usual.height_m - 0.4e-3])
+    found, exact = (_gaps(each, body, tip, rotation) for each in (usual, wide_block))
+    near = exact < usual.contact_options.distance_m
+    assert near.any()
+    assert not near.all()
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-15)
+    assert np.all(found <= exact + 1e-9)
+    assert found[~near].min() > usual.contact_options.distance_m
 
 
 def test_round_edges_are_as_far_as_a_smaller_box_is(wide_block: Model, box: MeshIndenter) -> None:

@@ -234,7 +234,14 @@ def test_a_press_imports_no_figures_and_no_images() -> None:
     """Until a press begins, what draws, meshes triangles or handles images is not waited for."""
     script = f"""
 import sys
-import sim.press, sim.press_arguments
+import sim.press
+from tacauchy_rig.app.cli.app import app
+sim.press.press = None
+words = "press --sensor gelsight-mini --indenter sphere:diameter=8mm --depth 0.5mm --tolerance 5%"
+try:
+    app(words.split(), standalone_mode=False)
+except TypeError:
+    pass
 loaded = [name for name in {UNUSED!r} if name in sys.modules]
 assert not loaded, f"a press imports {{loaded}}"
 """
