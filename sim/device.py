@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -117,17 +117,12 @@ def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
     wp.config.log_level = wp.LOG_INFO
     wp.set_logger(WarpLog())
-    with nullcontext() if _has_driver() else _silent_stderr():
-        wp.init()  # type: ignore[no-untyped-call]
-
-
-def _has_driver() -> bool:
-    # ctypes.util.find_library would start a linker to search for it.
-    try:
+    told: AbstractContextManager[None] = _silent_stderr()
+    with suppress(OSError):  # ctypes.util.find_library would start a linker to search for it
         ctypes.CDLL("libcuda.so.1")
-    except OSError:
-        return False
-    return True
+        told = nullcontext()
+    with told:
+        wp.init()  # type: ignore[no-untyped-call]
 
 
 def warp_device(name: str) -> str:

@@ -107,9 +107,8 @@ def negate(matrix: wp.array2d(dtype=wp.float32)):
     """Change the signs of the lower triangle, and mirror it; launches over the matrix."""
     i, j = wp.tid()
     if j <= i:
-        entry = -matrix[i, j]
-        matrix[i, j] = entry
-        matrix[j, i] = entry
+        matrix[i, j] = -matrix[i, j]
+        matrix[j, i] = matrix[i, j]
 
 
 @wp.func_native(native_code(__package__, "invert", BLOCK=BLOCK))
