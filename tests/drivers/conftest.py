@@ -33,6 +33,9 @@ FORKED.set_forkserver_preload(
         "tests.drivers.arm.test_ur5",
         "drivers.emulators.arm.controller",
         "drivers.emulators.force_sensor.box",
+        "protocols.processes.control",
+        "protocols.processes.page.server",
+        "tests.mock.streams",
     ]
 )
 
