@@ -258,7 +258,7 @@ class ContactKernels:
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
-    # rest [m^2], and a quadratic form of every face's pressures [N^2/m^2], all summed up
+    # rest [m^2], and the square of shear with a form of every face's pressures [N^2/m^2], summed up
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -479,6 +479,9 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             if wp.static(grips):
                 _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along
+                sheared = at.surface.areas[f, q] * wp.dot(along, along)
+                sheared = repeatable(sheared, at.surface.shift * at.surface.young[b])
+                wp.atomic_add(wrench_out, b, 7, sheared)
             if wp.dot(v, v) > wp.float64(0.0):
                 force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
                 moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
