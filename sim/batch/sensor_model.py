@@ -4,18 +4,16 @@ A mesh is stiffer than the gel, above all under pressure p and shear t that chan
 Contact is therefore made compliant, by a share of an edge times p over E / (1 - nu^2). This offsets
 most of the error, halves the steps of a descent, and overcorrects wide contacts. What remains is
 
-    F / F_fine = 1 + wide sqrt(h / H) + layers (1 - E_min / E_max) h / H
-                   + form h A / (H F_z^2) integral of (t^2 - p^2 + unresolved p (p - L p))
-                   + narrow (h / a)^1.5
+    F / F_fine = 1 + form h A / (H F_z^2) integral of (t^2 - p^2 + unresolved p (p - L p))
+                   + narrow (h / a)^1.5 + wide sqrt(h / H) + layers (1 - E_min / E_max) h / H
 
 with the edge length h at the surface, the pad's height H, the contact's area A, the radius a of a
 disc of this area, and L p, the linear function on each face that is closest to p. The integral is
-the work that a mesh's surface does too little: h / E times t^2, which sticking points keep in it,
-and p^2, as far as it is not resolved, less what the compliant contact does; A / H is the stiffness
-of a layer over E. Under sharp bodies, which get rounded edges here, contact gives less, and form
-and narrow are less in the same ratio. The numbers were fitted to 236 presses on two sensors, a
-third of them of sharp bodies or with friction, at edges of 0.9 to 2.5 mm, against presses on fine
-meshes of their own, and that of layers to 20 on 9DTact. ``study bench --part alone`` judges it.
+the work that a mesh's surface does too little under traction it does not resolve, less what the
+compliant contact does; A / H is the stiffness of a layer over E. Contact gives less under sharp
+bodies, and form and narrow are as much less. The numbers were fitted to 236 presses of balls,
+punches and prisms on two sensors, a fifth with friction, at edges of 0.9 to 2.5 mm, against presses
+on fine meshes of their own, and that of layers to 20 on 9DTact.
 """
 
 from __future__ import annotations
@@ -42,13 +40,11 @@ BARRIER_SHARE = 0.01
 # Edges of the mesh times the pressure over E / (1 - nu^2) by which contact gives way, under a
 # rounded body and under a sharp one, whose edges would sink in.
 _GIVES, _GIVES_SHARP = 0.05, 0.02
-# Edges of the mesh at which sticking has become sliding. A tenth of it takes more evaluations and
-# changes forces by less than 1 % in the median.
+# Edges at which sticking has become sliding; a tenth of it changes forces by under 1 % (median).
 _SLIP_SHARE = 0.004
 # Edges of the mesh by which a point may overlap; in models that are made otherwise none may.
 _OVERLAP_SHARE = 0.4
-# Bias of F_z by edges over the height, layers, tractions and their part that is not linear, and by
-# narrow contacts.
+# Bias of F_z: by edges, layers, tractions, what is not linear of pressure, and narrow contacts.
 _WIDE, _LAYERS, _FORM, _UNRESOLVED, _NARROW = 0.10, 0.28, 0.22, 1.9, 0.039
 # What may remain of it: of all, and by edges, layers and narrow contacts.
 _LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.06, 0.14, 0.036

@@ -459,6 +459,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x)
             v = wp.vec3d()
+            formed = wp.float64(0.0)
             if distance < at.surface.distance:
                 _density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
@@ -466,23 +467,20 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
                 area = repeatable(area, at.surface.shift / at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
-                formed = wp.float64(0.0)
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
                     gap, _n = nearby_gap(here, there)
                     if gap < at.surface.distance:
                         _density, pressed, _change = normal_contact(at.surface, b, gap)
-                        formed += form[q, r] * pressed
-                formed = at.surface.areas[f, q] * slope * formed
-                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 7, formed)
+                        formed += form[q, r] * pressed * slope
             if wp.static(grips):
                 _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along
-                sheared = at.surface.areas[f, q] * wp.dot(along, along)
-                sheared = repeatable(sheared, at.surface.shift * at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 7, sheared)
+                formed += wp.dot(along, along)
             if wp.dot(v, v) > wp.float64(0.0):
+                formed *= at.surface.areas[f, q]
+                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
+                wp.atomic_add(wrench_out, b, 7, formed)
                 force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
                 moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):
