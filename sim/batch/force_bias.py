@@ -1,8 +1,7 @@
 """The bias of F_z on a sensor's mesh, measured for an indenter against presses on fine meshes.
 
-F_z also depends on where a contact lies in the mesh's cells, which is not corrected: it changes F_z
-by 0.1 to 2 % (standard deviation) at edges of 1.25 mm and by 0.2 to 0.5 % at 1 mm, under balls of
-8 mm. The indenter is therefore pressed at several places around each of the fine presses.
+F_z also depends on where a contact lies in the mesh's cells, by 0.1 to 2 % (standard deviation) at
+edges of 1.25 mm under balls of 8 mm. An indenter is pressed at several places around each fine one.
 """
 
 from __future__ import annotations

@@ -259,7 +259,7 @@ class ContactKernels:
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
-    # rest [m^2], and a quadratic form of every face's pressures [N^2/m^2], all summed up
+    # rest [m^2], and the square of shear with a form of every face's pressures [N^2/m^2], summed up
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -460,6 +460,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x, at.surface.distance)
             v = wp.vec3d()
+            formed = wp.float64(0.0)
             if distance < at.surface.distance:
                 _density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
@@ -467,20 +468,20 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
                 area = repeatable(area, at.surface.shift / at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
-                formed = wp.float64(0.0)
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     if gap < at.surface.distance:
                         _density, pressed, _change = normal_contact(at.surface, b, gap)
-                        formed += form[q, r] * pressed
-                formed = at.surface.areas[f, q] * slope * formed
-                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 7, formed)
+                        formed += form[q, r] * pressed * slope
             if wp.static(grips):
                 _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
                 v += along
+                formed += wp.dot(along, along)
             if wp.dot(v, v) > wp.float64(0.0):
+                formed *= at.surface.areas[f, q]
+                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
+                wp.atomic_add(wrench_out, b, 7, formed)
                 force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
                 moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):

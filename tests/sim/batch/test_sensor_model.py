@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.batch.batch import Batch
 from sim.batch.force_bias import press_alone
 from sim.batch.sensor_model import bias_of, pressure_form, sensor_model
 from sim.coupling.rigid_body_contact import UNMOVED, GelContact
@@ -28,6 +29,15 @@ def test_bias_and_what_remains_fall_with_the_edges() -> None:
     coarse, fine = (bias_of(sensor_model(PAD, GEL, edge_m=edge)) for edge in (4e-3, 2e-3))
     assert (fine.known[0, 1:] < coarse.known[0, 1:]).all()
     assert (fine.left < coarse.left).all()
+
+
+def test_shear_under_sticking_points_adds_to_the_bias() -> None:
+    """The same ball at the same depth: the mesh adds more force with friction than without."""
+    model = sensor_model(PAD, GEL, edge_m=2e-3, friction=1.0)
+    batch = Batch(model, [Sphere(diameter_m=8e-3)], [0, 0], friction=np.array([0.0, 0.9]))
+    found = batch.step(np.tile([0.0, 0.0, PAD.height_m - 0.5e-3, 0.0, 0.0, 0.0, 1.0], (2, 1)))
+    smooth, rough = found.raw_wrench[:, 2] / found.wrench[:, 2]
+    assert rough > smooth + 0.03
 
 
 @pytest.mark.slow
