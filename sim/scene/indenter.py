@@ -329,7 +329,7 @@ def turned_triangles(
     angles = 2.0 * np.pi * np.arange(sectors) / sectors
     x, y = (np.outer(radii, along) for along in (np.cos(angles), np.sin(angles)))
     rings = np.stack([x, y, np.broadcast_to(heights[:, None], x.shape)], axis=-1)
-    return rings.reshape(-1, 3), ring_walls(np.arange(x.size).reshape(x.shape))
+    return rings.reshape(-1, 3), ring_walls(np.arange(x.size, dtype=np.int32).reshape(x.shape))
 
 
 def ring_walls(index: IntArray) -> IntArray:

@@ -86,5 +86,5 @@ def _prism(outline: FloatArray, name: str) -> MeshIndenter:
     """Extrude an outline, shape [n, 2] [m], all of which is seen from the origin."""
     rings = np.zeros((4, len(outline), 3))
     rings[1:3, :, :2], rings[2:, :, 2] = outline, _HEIGHT_M
-    walls = ring_walls(np.arange(4 * len(outline)).reshape(4, -1))
+    walls = ring_walls(np.arange(4 * len(outline), dtype=np.int32).reshape(4, -1))
     return mesh_indenter(rings.reshape(-1, 3), walls, name=f"object {name}")
