@@ -8,7 +8,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_rays import DeviceSurface, nearby_distance, on_device, surface_curvature
+from sim.scene.triangle_distance import DeviceSurface, nearby_distance, on_device, surface_curvature
 from tacauchy_rig.core.arrays import FloatArray
 
 # Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
