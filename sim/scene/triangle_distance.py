@@ -192,13 +192,6 @@ def _signed(surface: DeviceSurface, p: wp.vec3d, found: Nearest):
 
 
 @wp.func
-def surface_distance(surface: DeviceSurface, p: wp.vec3d):
-    """Return the distance [m], positive outside, and its gradient."""
-    distance, n = _signed(surface, p, nearest_on_surface(surface, p))
-    return distance, n
-
-
-@wp.func
 def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
     """Return the second derivative of the distance [1/m], of round edges and corners only."""
     found = nearest_on_surface(surface, p)
@@ -218,10 +211,10 @@ def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
 
 @wp.func
 def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
-    """Return the same; beyond ``reach`` [m] outside a distance that may be less, but not shorter.
+    """Return the distance [m], positive outside, and its gradient.
 
-    It is exact where it is less than the rounding, too. Where no face is near, a ray down that
-    meets none tells that the point is outside.
+    Outside and beyond ``reach`` [m], and the rounding, it may be too small, but not below these.
+    Where no face is near, a ray down that meets none tells that the point is outside.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
@@ -240,7 +233,7 @@ def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
             hit = wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6))
             distance = far
             if hit.result:
-                distance, n = surface_distance(surface, p)
+                distance, n = _signed(surface, p, nearest_on_surface(surface, p))
     return distance, n
 
 
@@ -261,7 +254,7 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     at = wp.vec3d(x, y, surface.centre[2] - reach[2])
     high, safe, distance = surface.centre[2] + reach[2], at[2], zero
     for _ in range(_RISES_MAX):
-        distance, n = surface_distance(surface, at)
+        distance, n = _signed(surface, at, nearest_on_surface(surface, at))
         if wp.abs(distance) < _MET_M or at[2] > high:
             break
         if distance < zero:
