@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import pytest
 
-from protocols.processes import child
+from protocols.processes import child_process
 from tacauchy_rig.core.config import load
 from tacauchy_rig.core.config.load import LoadedConfig
 from tests.drivers.conftest import FORKED
@@ -81,7 +81,7 @@ def mocks_installed() -> Iterator[None]:
     """Let this process and its children, which are forks, find ``driver = "mock"``."""
     popen = SimpleNamespace(Popen=ForkedChild, DEVNULL=subprocess.DEVNULL)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(child, "subprocess", popen)
+        patch.setattr(child_process, "subprocess", popen)
         patch.syspath_prepend(_METADATA)
         known = os.environ.get("PYTHONPATH", "")
         patch.setenv("PYTHONPATH", os.pathsep.join([str(_METADATA), str(_ROOT), known]))

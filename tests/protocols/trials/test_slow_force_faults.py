@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 
 from tacauchy_rig.core.config.settings import RobotModel
-from tacauchy_rig.core.force_history import judge_forces
+from tacauchy_rig.core.force_sensor_gain import judge_forces
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of
