@@ -73,8 +73,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what stays to the end: modules and tests."""
+    """Let the garbage collector pass over what stays to the end, modules and tests, and rest."""
     gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
 
 
 def _has_cuda() -> bool:
