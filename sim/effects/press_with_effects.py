@@ -34,7 +34,7 @@ from tacauchy_rig.core.time_limits import doing
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
-_ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
+_ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
 # 2.0 %, for 1.3 to 1.8 times the time.
