@@ -72,9 +72,9 @@ def polynomial_exponents(
     return np.array(terms, dtype=np.int32).reshape(-1, 5)
 
 
-# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
+# Light falls off over the image: gentle slopes' colours bend with place more than steep ones' do.
 # Degrees of tilt, place, indentation, and of tilt beside indentation.
-_BENDS = ((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
+_BENDS = ((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
 BALL_EXPONENTS: IntArray = np.unique(
     np.concatenate(
         [
@@ -334,15 +334,15 @@ class PhotometricModel:
 
         light = np.asarray(self.response.light(frame), dtype=np.float32)
         height, width = layout.geometry.height, layout.geometry.width
-        position = normalised_positions(height, width)
+        position, gain = normalised_positions(height, width), self.gain(light)
         inputs = [
             self._colours(position[1, ::width], layout),
             layout.pixel_rows(position[:1, :width])[0],
             lamp_planes(self.terms, position, layout),
-            layout.pixel_rows(self.gain(light)),
+            layout.pixel_rows(gain),
         ]
         return PixelColours(
-            light=light, response=self.response, kernel=colour_pixels, inputs=inputs
+            light=light, response=self.response, gain=gain, kernel=colour_pixels, inputs=inputs
         )
 
     def _colours(self, v: Float32Array, layout: PixelBlocks) -> Any:
