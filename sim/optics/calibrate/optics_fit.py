@@ -171,7 +171,7 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
         seen,
         exponents=scene.exponents,
         features=features,
-        ridge=model.provenance["ridge"],
+        ridge=None,
         terms=model.terms,
         response=model.response,
         reference=REFERENCE,
