@@ -72,23 +72,24 @@ def polynomial_exponents(
     return np.array(terms, dtype=np.int32).reshape(-1, 5)
 
 
-# Light falls off over the image: gentle slopes' colours bend with place more than steep ones' do.
-# Degrees of tilt, place, indentation, and of tilt beside indentation.
-_BENDS = ((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
-BALL_EXPONENTS: IntArray = np.unique(
-    np.concatenate(
-        [
-            polynomial_exponents(
-                tilt_degree=tilt,
-                position_degree=place,
-                indentation_degree=deep,
-                indentation_tilt_degree=deep_tilt,
-            )
-            for tilt, place, deep, deep_tilt in _BENDS
-        ]
-    ),
-    axis=0,
-)
+def _bent(*degrees: tuple[int, int, int, int]) -> IntArray:
+    """List terms once, by degrees of tilt, place, indentation, and of tilt beside indentation."""
+    parts = [
+        polynomial_exponents(
+            tilt_degree=tilt,
+            position_degree=place,
+            indentation_degree=deep,
+            indentation_tilt_degree=deep_tilt,
+        )
+        for tilt, place, deep, deep_tilt in degrees
+    ]
+    return np.unique(np.concatenate(parts), axis=0)
+
+
+# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
+BALL_EXPONENTS = _bent((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
+# Where lamps graze the gel, those of steep slopes do too.
+GRAZED_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
 
 
 def monomials(
