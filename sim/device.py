@@ -51,8 +51,8 @@ class WarpLog:
 
 
 # Products and sums in one instruction; and with Warp's own flags no block of pixels is put whole
-# into one (``sim/optics/pixels/pixel_kernel.py``). One set of flags for all kernels: a process that
-# compiles reads Warp's headers once for each, in 3 s.
+# into one (``sim/optics/pixels/blur_and_exposure_kernel.py``). One set of
+# flags for all kernels: a process that compiles reads Warp's headers once for each, in 3 s.
 wp.config.cpu_compiler_flags = (
     "-march=native -ffp-contract=fast -mllvm -inline-threshold=9000"
     " -mllvm -slp-recursion-max-depth=12"

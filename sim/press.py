@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from sim.correction import Corrected, correction
-from sim.effects.effect_plan import EffectPlan
-from sim.effects.outputs import outputs_of
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import end_state
-from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
+from sim.accuracy import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import end_state
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder
+from sim.mesh_bias_correction import Corrected, correction
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.long_task import doing, time_limit, told
 from tacauchy_rig.core.simulated import Alternative
+from tacauchy_rig.core.time_limits import doing, time_limit, told
 
 # The paper's two algorithms are at most 20 and 41 % apart in presses whose force is right, under
 # sharp punches pressed by 30 % of the gel; where an indenter had passed through, 197 %.

@@ -11,12 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from sim.correction import correction
-from sim.effects.effect_plan import EffectPlan
-from sim.effects.outputs import outputs_of
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import CoarsePath, end_state, path_for
-from sim.error import (
+from sim.accuracy import (
     ErrorEstimate,
     Tolerance,
     alternatives,
@@ -27,6 +22,10 @@ from sim.error import (
     failed,
     setting_of,
 )
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import CoarsePath, end_state, path_for
 from sim.fields.press_fields import (
     IntermediateStates,
     TrialFields,
@@ -34,15 +33,17 @@ from sim.fields.press_fields import (
     trial_fields,
 )
 from sim.mesh.elements import ElementOrder
+from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.loading_path import ForceMatch, LoadingPath, find_force
+from sim.solve.force_search import ForceMatch, find_force
+from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.long_task import time_limit
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
+from tacauchy_rig.core.time_limits import time_limit
 from tacauchy_rig.core.versions import installed
 
 History = tuple[tuple[float, float], ...]

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from sim.effects.effect_plan import full_plan
-from sim.effects.outputs import PressOutputs, outputs_of
-from sim.effects.plan import output_tolerances, plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.effect_choice import output_tolerances, plan_effects
+from sim.effects.planned_effects import full_plan
+from sim.effects.press_outputs import PressOutputs, outputs_of
+from sim.effects.press_with_effects import path_for
 from sim.mesh.tet_mesh import cache_folder
 from sim.press import contact_measures
 from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene, Target
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 # Of a 5 mm punch's force, nu + 0.01 changes 4.9 and 4.3 % on edges 0.7 and 1.0 times as short as
 # preset fast's, and 4.2 % on preset balanced's; 0.1 mm of height 2.3, 2.5 and 2.3 %; 29 um of

@@ -16,15 +16,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from reports.scores.floors import trial_floors as trial_floors
-    from reports.scores.metrics import score as score
+    from reports.scores.floor_and_ceiling import trial_floors as trial_floors
+    from reports.scores.image_metrics import score as score
     from sim.batch.batch import Batch as Batch
     from sim.batch.sensor_model import sensor_model as sensor_model
-    from sim.effects.plan import plan_effects as plan_effects
+    from sim.effects.effect_choice import plan_effects as plan_effects
     from sim.fields.contact_traction import surface_traction as surface_traction
     from sim.press import PressResult as PressResult
     from sim.press import press as press
-    from sim.press_command import scene_from as scene_from
+    from sim.press_arguments import scene_from as scene_from
     from sim.scene.indenter import Cylinder as Cylinder
     from sim.scene.indenter import Plane as Plane
     from sim.scene.indenter import Sphere as Sphere
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from sim.scene.scene import Target as Target
     from sim.sensor.sensor import Sensor as Sensor
     from sim.sensor.sensor import load_sensor as load_sensor
-    from tacauchy_rig.app.replay.reading import open_run as open_run
+    from tacauchy_rig.app.replay.open_run import open_run as open_run
     from tacauchy_rig.app.replay.rendering import image_of as image_of
     from tacauchy_rig.app.replay.replay import replay_run as replay  # noqa: F401
-    from tacauchy_rig.app.replay.report import evidence_of as evidence_of
-    from tacauchy_rig.app.replay.report import report_run as report  # noqa: F401
+    from tacauchy_rig.app.replay.report_run import evidence_of as evidence_of
+    from tacauchy_rig.app.replay.report_run import report_run as report  # noqa: F401
     from tacauchy_rig.core.config.load import load_config as load_config
     from tacauchy_rig.core.errors import RigError as RigError
 
@@ -52,30 +52,30 @@ _PUBLIC = {
     "ContactMode": "sim.scene.scene:ContactMode",
     "Cylinder": "sim.scene.indenter:Cylinder",
     "Effect": "sim.scene.scene:Effect",
-    "evidence_of": "tacauchy_rig.app.replay.report:evidence_of",
+    "evidence_of": "tacauchy_rig.app.replay.report_run:evidence_of",
     "image_of": "tacauchy_rig.app.replay.rendering:image_of",
     "load_config": "tacauchy_rig.core.config.load:load_config",
     "load_sensor": "sim.sensor.sensor:load_sensor",
     "Motion": "sim.scene.scene:Motion",
-    "open_run": "tacauchy_rig.app.replay.reading:open_run",
-    "plan_effects": "sim.effects.plan:plan_effects",
+    "open_run": "tacauchy_rig.app.replay.open_run:open_run",
+    "plan_effects": "sim.effects.effect_choice:plan_effects",
     "Plane": "sim.scene.indenter:Plane",
     "Preset": "sim.scene.scene:Preset",
     "press": "sim.press:press",
     "PressResult": "sim.press:PressResult",
     "read_mesh_indenter": "sim.scene.indenter:read_mesh_indenter",
     "replay": "tacauchy_rig.app.replay.replay:replay_run",
-    "report": "tacauchy_rig.app.replay.report:report_run",
+    "report": "tacauchy_rig.app.replay.report_run:report_run",
     "RigError": "tacauchy_rig.core.errors:RigError",
     "Scene": "sim.scene.scene:Scene",
-    "scene_from": "sim.press_command:scene_from",
-    "score": "reports.scores.metrics:score",
+    "scene_from": "sim.press_arguments:scene_from",
+    "score": "reports.scores.image_metrics:score",
     "Sensor": "sim.sensor.sensor:Sensor",
     "sensor_model": "sim.batch.sensor_model:sensor_model",
     "Sphere": "sim.scene.indenter:Sphere",
     "surface_traction": "sim.fields.contact_traction:surface_traction",
     "Target": "sim.scene.scene:Target",
-    "trial_floors": "reports.scores.floors:trial_floors",
+    "trial_floors": "reports.scores.floor_and_ceiling:trial_floors",
 }
 """Where each public name is defined, ``module:name``; the imports above say the same."""
 

@@ -17,7 +17,8 @@ LAYERS = (
 """A layer imports nothing from a layer before it."""
 
 # Types, units and writers that every package uses; arrows to them would hide all others.
-_COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
+_COMMON = "errors|quantities|run|registry|versions|tables|arrays|rotations"
+_COMMON += "|markdown_page|plot_style|image_codec"
 EVERYWHERE = re.compile(
     rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app|envs)|tacauchy_rig\.core\.({_COMMON})"
     r"|sim\.device)$"
@@ -106,7 +107,8 @@ def _listed(packages: set[str]) -> str:
 def first_line(module: str) -> str:
     """Return the first line of a module's docstring."""
     path = ROOT.joinpath(*module.split("."))
-    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    file = path.with_suffix(".py")
+    path = file if file.exists() else path / "__init__.py"
     return (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()[0]
 
 

@@ -6,11 +6,11 @@ from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
 
-from drivers.camera.pictures import TouchWatch
+from drivers.camera.frame_checks import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from protocols.control.cycle import Cycle
-from protocols.control.record import Entry, Journal, Sink
+from protocols.control.entries_and_rates import Entry, Journal, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.camera import mark_of
 from protocols.processes.recorder import RecordKeeper, encoded

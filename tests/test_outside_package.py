@@ -25,7 +25,7 @@ _USE_THE_ARM = """
 import sys
 from pathlib import Path
 
-from drivers.checks import robot_checks
+from drivers.device_checks import robot_checks
 from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
 from drivers.interfaces import build_arm_and_force_sensor
 from tacauchy_rig.core.config.load import load_config
@@ -41,10 +41,10 @@ for result in robot_checks(config):
 """
 
 _RENDER_A_PRESS = """
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.effects.scene_path import follow, path_for
-from sim.press_command import scene_from
+from sim.effects.press_with_effects import follow, path_for
+from sim.press_arguments import scene_from
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.replay.rendering import replay_images
 

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from drivers.emulators.camera.frame_server import VIDEO_DEVICE, preloaded
 from drivers.emulators.faults import Device, parse_fault
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
@@ -168,7 +168,7 @@ class Emulation:
         module, host, port = {
             Device.ROBOT: ("arm.controller", self._robot_host, 0),
             Device.FORCE_SENSOR: ("force_sensor.box", "", 0),
-            Device.CAMERA: ("camera.stream", self.camera_host, self.camera_port),
+            Device.CAMERA: ("camera.frame_generator", self.camera_host, self.camera_port),
         }[device]
         self._launch(device, module, config, host=host, port=port)
 

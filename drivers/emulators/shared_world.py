@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_probe import probe_controller
-from drivers.emulators.plant.gel import Plant
+from drivers.arm.ur5_controller_check import probe_controller
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings

@@ -16,7 +16,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from drivers.force_sensor.sri_wire import (
+from drivers.force_sensor.sri_protocol import (
     FrameParser,
     Reply,
     encode_command,

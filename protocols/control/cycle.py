@@ -8,13 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
-from protocols.control.record import RateMeter, Sink
+from protocols.control.entries_and_rates import RateMeter, Sink
 from protocols.guard.abort import Abort
+from protocols.guard.arm_following import FollowGuard
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.force import ForceGuard
-from protocols.guard.streams import StreamGuard
-from protocols.guard.witness import Witness
-from protocols.guard.workspace import FollowGuard, Workspace
+from protocols.guard.force_limits import ForceGuard
+from protocols.guard.force_witness import Witness
+from protocols.guard.stale_streams import StreamGuard
+from protocols.guard.workspace import Workspace
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6

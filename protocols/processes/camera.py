@@ -8,20 +8,12 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.pictures import TouchWatch, clipped_ratio
+from drivers.camera.frame_checks import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
-from protocols.control.record import Begin
-from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.link import RecorderLink
-from protocols.processes.messages import (
-    VIEWERS,
-    CameraStatus,
-    Channel,
-    FeedWriters,
-    Job,
-    Order,
-    Ready,
-)
+from protocols.control.entries_and_rates import Begin
+from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
+from protocols.processes.ipc import VIEWERS, CameraStatus, Channel, FeedWriters, Job, Order, Ready
+from protocols.processes.recorder_link import RecorderLink
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.run_store import RunStore

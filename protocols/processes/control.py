@@ -17,19 +17,11 @@ from drivers.interfaces import (
     build_arm_and_force_sensor,
 )
 from protocols.control.cycle import Cycle
-from protocols.control.record import Entry, Journal, Samples, Sink
+from protocols.control.entries_and_rates import Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
-from protocols.processes.child import ask_for_priority, run_child
-from protocols.processes.link import RecorderLink, RemoteCamera
-from protocols.processes.messages import (
-    VIEWERS,
-    AbortRequest,
-    Channel,
-    FeedWriters,
-    Job,
-    Order,
-    Ready,
-)
+from protocols.processes.child_process import ask_for_priority, run_child
+from protocols.processes.ipc import VIEWERS, AbortRequest, Channel, FeedWriters, Job, Order, Ready
+from protocols.processes.recorder_link import RecorderLink, RemoteCamera
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.run import ArmSample, ForceSample

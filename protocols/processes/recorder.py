@@ -9,14 +9,14 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from protocols.control.record import Begin, End, Entry
-from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.messages import Ack, Channel, Job, Ready
+from protocols.control.entries_and_rates import Begin, End, Entry
+from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
+from protocols.processes.ipc import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal
-from tacauchy_rig.core.store.recording.messages import RawMessage, Topic, encode
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic, encode
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
 NICENESS = -5

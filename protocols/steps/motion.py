@@ -8,7 +8,7 @@ import numpy as np
 
 from protocols.control.cycle import Cycle, Press
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.force import Contact
+from protocols.guard.force_limits import Contact
 from protocols.guard.workspace import describe
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 

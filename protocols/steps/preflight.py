@@ -2,17 +2,8 @@
 
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.force import Contact
-from protocols.steps.motion import (
-    SLOW_M_S,
-    at_height,
-    clear_height,
-    come_to_rest,
-    downward,
-    home_pose,
-    listen,
-    move_to,
-)
+from protocols.guard.force_limits import Contact
+from protocols.steps import motion
 from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
@@ -24,12 +15,14 @@ def leave_gel(cycle: Cycle) -> None:
     zero, and a force that falls away is expected, until the caller gives it another zero.
     """
     pose = cycle.turn().arm.pose
-    rise_m = clear_height(cycle) - pose.position[2]
+    rise_m = motion.clear_height(cycle) - pose.position[2]
     if rise_m <= 0.0:
         return
     cycle.force_guard.set_zero(take_tare(cycle))
     cycle.force_guard.contact = Contact.LEAVING
-    move_to(cycle, pose.shifted(z=rise_m), speed=min(SLOW_M_S, cycle.config.robot.retract_speed))
+    motion.move_to(
+        cycle, pose.shifted(z=rise_m), speed=min(motion.SLOW_M_S, cycle.config.robot.retract_speed)
+    )
 
 
 PLAYING = 2
@@ -43,7 +36,7 @@ def run_preflight(cycle: Cycle) -> Tare:
         BreachError: The robot is not ready, or the unloaded force is not quiet or not small.
         SafetyError: The arm is not near home.
     """
-    listen(cycle, LISTEN_S)
+    motion.listen(cycle, LISTEN_S)
     state = cycle.turn().arm
     cycle.workspace.check_start(state.pose)
     if state.runtime_state != PLAYING:
@@ -83,11 +76,11 @@ def press_air(cycle: Cycle) -> dict[str, float]:
     cycle.force_guard.contact = Contact.NONE
     robot, protocol = cycle.config.robot, cycle.config.protocol
     top_m = cycle.config.sensor.surface[2] + protocol.air_press_height + TRAVEL_M
-    move_to(cycle, home_pose(cycle), speed=robot.approach_speed)
-    move_to(cycle, at_height(cycle, top_m), speed=robot.approach_speed)
+    motion.move_to(cycle, motion.home_pose(cycle), speed=robot.approach_speed)
+    motion.move_to(cycle, motion.at_height(cycle, top_m), speed=robot.approach_speed)
     peak_n = _descend(cycle, top_m - TRAVEL_M)
     stop_m = cycle.turn().arm.pose.position[2]
-    come_to_rest(cycle)
+    motion.come_to_rest(cycle)
     overrun_m = stop_m - cycle.turn().arm.pose.position[2]
     if overrun_m > OVERRUN_LIMIT_M:
         raise BreachError(
@@ -97,7 +90,7 @@ def press_air(cycle: Cycle) -> dict[str, float]:
             reaction=Reaction.HOLD,
             remedy="raise robot.acceleration or lower the speeds",
         )
-    move_to(cycle, home_pose(cycle), speed=robot.retract_speed)
+    motion.move_to(cycle, motion.home_pose(cycle), speed=robot.retract_speed)
     return {"overrun_m": overrun_m, "peak_force_n": peak_n}
 
 
@@ -105,7 +98,7 @@ def _descend(cycle: Cycle, floor_m: float) -> float:
     speed = cycle.config.robot.search_speed
     reading = cycle.turn()
     deadline_ns = reading.now_ns + round((2.0 * TRAVEL_M / speed + 1.0) * 1e9)
-    cycle.set_velocity(downward(speed))
+    cycle.set_velocity(motion.downward(speed))
     peak_n = 0.0
     while reading.arm.pose.position[2] > floor_m:
         if reading.now_ns > deadline_ns:

@@ -4,9 +4,9 @@ import logging
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.control.record import Journal
+from protocols.control.entries_and_rates import Journal
 from protocols.guard.breach import BreachError, Reaction, reaction_to
-from protocols.guard.force import Contact
+from protocols.guard.force_limits import Contact
 from protocols.guard.workspace import describe
 from protocols.steps.motion import SLOW_M_S, clear_height, is_at_rest
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from protocols.control.cycle import Cycle
-from protocols.control.record import Journal
+from protocols.control.entries_and_rates import Journal
 from protocols.guard.breach import BreachError
 from protocols.steps.motion import ARRIVED_M, clear_height
 from protocols.steps.preflight import press_air, run_preflight
 from protocols.steps.safe_end import end_safely
 from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.core.errors import AbortedError, RigError
-from tacauchy_rig.core.force_history import FORCE_HISTORY, FORCE_LIMITS
+from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
 
 ResultT = TypeVar("ResultT")

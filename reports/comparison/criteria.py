@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence import TrialEvidence
-from reports.scores.contact import ContactScores, Corrections, PoseResidual
-from reports.scores.floors import ForceMargin
-from reports.scores.force_agreement import ForceAgreement
+from reports.scores.contact_scores import ContactScores
+from reports.scores.force_uncertainty import ForceAgreement
+from reports.scores.pose_and_light_residual import Corrections, PoseResidual
+from reports.scores.wrong_forces import ForceMargin
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.run import Criterion, Outcome
 from tacauchy_rig.core.simulated import ReplayModel

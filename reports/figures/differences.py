@@ -8,7 +8,7 @@ from matplotlib.colors import AsinhNorm
 
 from reports.evidence.evidence import TrialEvidence, TrialImages
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.rgb import to_grey
+from tacauchy_rig.core.image_codec import to_grey
 
 LEAST_LIMIT = 5.0  # [grey level]: differences below it are faint even at the end of the scale
 LINEAR_LEVELS = 2.0

@@ -15,14 +15,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.batch import frame_kernels as kernels
+from sim.batch import motion_step_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
-from sim.batch.frames import Frames
+from sim.batch.motion_steps import Frames
 from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp, stiffness_of
-from sim.contact.contact_kernels import TouchedSurface
+from sim.contact.barrier_and_friction_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
-from sim.material.elasticity import GelArrays
+from sim.material.elasticity_kernels import GelArrays
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.scene.material import Material
@@ -300,7 +300,7 @@ class Batch:
             active: 1 for who takes part, Warp int32, shape [environment_count].
 
         Returns:
-            ``frame_kernels.Found`` of one frame, which the next call overwrites.
+            ``motion_step_kernels.Found`` of one frame, which the next call overwrites.
         """
         return self._go(poses.reshape((1, self.count)), active, None).found
 

@@ -6,15 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.batch.contact_correction import (
-    CAPACITY,
-    WIDE,
-    Correction,
-    choose,
-    correct_kernels,
-    factor,
-    list_touching,
-)
+from sim.batch import contact_inverse_kernels as kernels
 from sim.batch.rest_inverse import DenseRest, FactoredRest
 from sim.device import Device, filled
 from sim.solve.descents import Descents
@@ -53,10 +45,10 @@ class ContactInverse:
         numbers = np.full(len(model.nodes), -1, dtype=np.int32)
         numbers[surface] = np.arange(len(surface))
         faces = numbers[model.faces]
-        capacity = min(CAPACITY, len(surface))
+        capacity = min(kernels.CAPACITY, len(surface))
         points = tuple(model.surface.areas.shape)
         self._correction = filled(
-            Correction,
+            kernels.Correction,
             rows=device.array(rows, wp.int32),
             faces=device.array(faces, wp.int32),
             around=device.array(_around(faces, len(surface)), wp.int32),
@@ -70,7 +62,7 @@ class ContactInverse:
             local=device.zeros((count, len(surface)), wp.int32),
             counts=device.zeros(count, wp.int32),
             listed=device.zeros((count, capacity), wp.int32),
-            along=device.zeros((count, 3 * capacity * WIDE), wp.float32),
+            along=device.zeros((count, 3 * capacity * kernels.WIDE), wp.float32),
             inverse=device.zeros((count, 3 * capacity, 3 * capacity), wp.float32),
         )
         self._units = device.array(self.unit * young_share, wp.float64)
@@ -80,7 +72,7 @@ class ContactInverse:
     def serve(self, descents: Descents) -> None:
         """Learn whose contact to look at."""
         device, model, c = self._device, self._model, self._correction
-        correct, set_tip = correct_kernels(self.kind)
+        correct, set_tip = kernels.correct_kernels(self.kind)
         made = model.surface.kernels
         contact_shape = tuple(descents.contact_buffers[1].shape)
         tip_row, state = model.pattern.dof_count, descents.state
@@ -95,10 +87,10 @@ class ContactInverse:
         stiffen = device.record(made.stiffen, contact_shape, at)
         given = [descents.sources, descents.found, self._corrected, self._tips]
         self._launches = (
-            device.record(choose, tuple(c.touching.shape), [state, c]),
+            device.record(kernels.choose, tuple(c.touching.shape), [state, c]),
             stiffen,
-            blocks(list_touching, [c]),
-            blocks(factor, [state, c]),
+            blocks(kernels.list_touching, [c]),
+            blocks(kernels.factor, [state, c]),
             blocks(correct, [state, c, tip_row, self._units, self.weights, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )

@@ -1,11 +1,11 @@
 """The inverse of the undeformed gel's stiffness, which serves every press on a sensor.
 
 On a processor it is a sparse factor; columns at the surface are solved for when a node is touched
-for the first time. On a GPU it is dense and made there (``sweep_kernels``), so that applying it to
-a batch is one product of two matrices, for tensor cores in float16 with float32 sums: a
-preconditioner needs no more digits. Warp's own tile product takes most of a minute to compile and
-leaves the cores idle for so few columns; here each warp feeds them from a matrix that was laid out
-for them once.
+for the first time. On a GPU it is dense and made there (``dense_inverse_kernels``), so that
+applying it to a batch is one product of two matrices, for tensor cores in float16 with float32
+sums: a preconditioner needs no more digits. Warp's own tile product takes most of a minute to
+compile and leaves the cores idle for so few columns; here each warp feeds them from a matrix that
+was laid out for them once.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.batch import sweep_kernels as kernels
+from sim.batch import dense_inverse_kernels as kernels
 from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import Device
 from sim.solve.linear_solver import linear_solver

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from sim.contact.contact_surface import ContactOptions
 from sim.material.elastic_body import element_constants
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
+from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder
-from sim.mesh.refinement import sensor_mesh
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import BoxPad

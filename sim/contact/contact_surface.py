@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.contact.contact_kernels import (
+from sim.contact.barrier_and_friction_kernels import (
     ContactKernels,
     GripArrays,
     Pressed,
@@ -20,7 +20,7 @@ from sim.contact.contact_kernels import (
 )
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled, on_host, replaced
-from sim.mesh.discretisation import Discretisation
+from sim.mesh.clamping_and_sparsity import Discretisation
 from sim.scene.indenter import Indenter
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_rays import (
+from sim.scene.triangle_distance import (
     DeviceSurface,
     nearby_distance,
     on_device,

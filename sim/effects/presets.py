@@ -3,7 +3,6 @@
 from dataclasses import fields, replace
 
 from sim.contact.contact_surface import ContactOptions
-from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import (
     MeshKind,
@@ -16,12 +15,14 @@ from sim.effects.mesh_choice import (
     sharp_edge_m,
     wild_sizing,
 )
+from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.material.elastic_body import element_constants
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor

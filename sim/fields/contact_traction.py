@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse
 
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh import WholeSurface
+from sim.mesh.mirror_symmetry import WholeSurface
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray

@@ -9,7 +9,7 @@ import numpy as np
 from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas
-from sim.mesh.tet_mesh import WholeSurface
+from sim.mesh.mirror_symmetry import WholeSurface
 from sim.scene.indenter import Indenter, MeshIndenter, grown, ring_walls
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model

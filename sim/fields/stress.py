@@ -14,8 +14,8 @@ import scipy.sparse.linalg
 import warp as wp
 
 from sim.device import Device, on_host
-from sim.fields.projection_kernel import projection_kernel
-from sim.mesh.discretisation import assembled
+from sim.fields.stress_projection_kernel import projection_kernel
+from sim.mesh.clamping_and_sparsity import assembled
 from sim.mesh.elements import EDGES, boundary_faces, shape_gradients
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model

@@ -8,16 +8,16 @@ import numpy as np
 import warp as wp
 
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
-from sim.material.elasticity import (
+from sim.material.elasticity_kernels import (
     GelArrays,
     element_kernel,
     hessian,
     stress_kernel,
     tangent_kernel,
 )
-from sim.material.laws.tangent import Law, Tangent, lame
+from sim.material.laws.law_and_tangent import Law, Tangent, lame
 from sim.material.relaxation import PronySeries, Relaxation
-from sim.mesh.discretisation import Discretisation
+from sim.mesh.clamping_and_sparsity import Discretisation
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.material import Material
 from tacauchy_rig.core.arrays import FloatArray, IntArray

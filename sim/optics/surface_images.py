@@ -8,10 +8,10 @@ import warp as wp
 from sim.device import Device
 from sim.fields.press_fields import top_surface
 from sim.optics.colour.colour_model import ColourModel
-from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
-from sim.optics.markers.carried_markers import MarkerPrinter, SeenPoints
-from sim.optics.markers.printed_markers import find_markers, marker_places
+from sim.optics.markers.marker_tracking import find_markers
+from sim.optics.markers.simulated_markers import MarkerPrinter, SeenPoints, marker_places
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.sensor.camera_geometry import CameraGeometry

@@ -110,7 +110,7 @@ class MeshIndenter:
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
+        from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
 
         return underside(self.surface, rounding_m=self.rounding_m)(x, y)
 
@@ -271,7 +271,7 @@ class TurnedIndenter:
 
     @cached_property
     def _underside(self) -> Callable[[FloatArray, FloatArray], FloatArray]:
-        from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
+        from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
 
         return underside(self._triangles(), rounding_m=self._rounding_m)
 

@@ -128,7 +128,7 @@ class SurfacePad:
 
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the top at rest [m], -inf beside the pad."""
-        from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
+        from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
 
         mirror = np.array([1.0, 1.0, -1.0])
         mirrored = replace(

@@ -1,11 +1,11 @@
 """Warp kernels of the descent to equilibrium: what each environment does after an evaluation.
 
 An environment runs until it is done, or until it asks the host for what a kernel has not: a factor,
-a start that is not inside out, an error. ``judge`` decides, by ``descent_rules``; ``prepare`` takes
-over what was accepted and says what the inverse is asked for; ``turn`` makes a direction of the
-answer and goes along it. ``dofs`` are the places of the unknowns in the flat nodal vector. A block
-of threads has one environment, so that sums are known to all; on the CPU it is one thread. Device
-code has no membership test.
+a start that is not inside out, an error. ``judge`` decides, by ``line_search_and_convergence``;
+``prepare`` takes over what was accepted and says what the inverse is asked for; ``turn`` makes a
+direction of the answer and goes along it. ``dofs`` are the places of the unknowns in the flat nodal
+vector. A block of threads has one environment, so that sums are known to all; on the CPU it is one
+thread. Device code has no membership test.
 """
 
 from functools import cache
@@ -13,9 +13,8 @@ from typing import Any
 
 import warp as wp
 
-from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_descent
 from sim.solve.descent_state import Act, Descent, Evaluated, Limits, Mode, Pull, Status
-from sim.solve.memory_kernels import (
+from sim.solve.lbfgs_kernels import (
     Memory,
     add_all,
     first_loop,
@@ -23,6 +22,15 @@ from sim.solve.memory_kernels import (
     products_with,
     second_loop,
     wait_for_all,
+)
+from sim.solve.line_search_and_convergence import (
+    CUT,
+    FAR,
+    NOTHING_AT_ALL,
+    Sum,
+    Sums,
+    decide,
+    finds_no_descent,
 )
 
 # With an inverse that is never made anew many steps in turn are too long in the same way: each is

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.contact_kernels import Pressed
+from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.contact.contact_surface import ContactForces, ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled
@@ -19,10 +19,10 @@ from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
 from sim.solve.descent_state import Act, Mode, Status
-from sim.solve.memory_kernels import LONGEST, Memory
+from sim.solve.lbfgs_kernels import LONGEST, Memory
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Potential, pull_of
-from sim.solve.starts import OVERLAP_SHARE
+from sim.solve.overlap_and_inversion import OVERLAP_SHARE
+from sim.solve.weight_and_inertia import Potential, pull_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -2,7 +2,7 @@
 
 Every step goes along minus the inverse of a stiffness times the unbalanced force. That stiffness is
 a recent state's, corrected by what the last steps have shown of the present one
-(``memory_kernels``): a step then costs one evaluation of forces and one solution. It is factored
+(``lbfgs_kernels``): a step then costs one evaluation of forces and one solution. It is factored
 anew where steps gain too little, at every step if need be, which is Newton's method. A step lowers
 the energy, limits overlap, and ends where the force along it is no longer large.
 
@@ -34,8 +34,7 @@ from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Potential
-from sim.solve.starts import (
+from sim.solve.overlap_and_inversion import (
     OVERLAP_SHARE,
     TANGLED_SHARE,
     faces_gel,
@@ -43,9 +42,10 @@ from sim.solve.starts import (
     refuse_deep_overlap,
     untangle,
 )
+from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.long_task import check_time
+from tacauchy_rig.core.time_limits import check_time
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11

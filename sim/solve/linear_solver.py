@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from sim.contact.contact_surface import State
 from sim.device import Device, on_host
-from sim.mesh.discretisation import SparsePattern
+from sim.mesh.clamping_and_sparsity import SparsePattern
 from sim.scene.indenter import Indenter
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Potential
+from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 

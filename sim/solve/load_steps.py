@@ -17,12 +17,12 @@ from sim.material.relaxation import Relaxation
 from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Inertia, Potential
+from sim.solve.overlap_and_inversion import OVERLAP_SHARE, overlap_fraction
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
-from sim.solve.starts import OVERLAP_SHARE, overlap_fraction
+from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.time_limits import doing
 
 logger = logging.getLogger(__name__)
 

@@ -64,5 +64,5 @@ def naming(origin: str) -> Iterator[None]:
     """Name a file in the message of what is refused within."""
     try:
         yield
-    except ConfigError as error:
-        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
+    except RigError as error:
+        raise type(error)(f"{origin}: {error.message}", remedy=error.remedy) from error

@@ -53,11 +53,11 @@ _OWN: dict[Kind, dict[str, str]] = {
         "paper-eq4": "sim.material.laws.paper_eq4:LAW",
     },
     Kind.INDENTER: {
-        "cylinder": "sim.scene.terms:parse_cylinder",
-        "sphere": "sim.scene.terms:parse_sphere",
-        "plane": "sim.scene.terms:parse_plane",
+        "cylinder": "sim.scene.scene_parsing:parse_cylinder",
+        "sphere": "sim.scene.scene_parsing:parse_sphere",
+        "plane": "sim.scene.scene_parsing:parse_plane",
         "object": "sim.scene.objects:parse_object",
-        "mesh": "sim.scene.terms:parse_mesh",
+        "mesh": "sim.scene.scene_parsing:parse_mesh",
     },
     Kind.SENSOR: {
         "9dtact": "sim.sensor.files:NINE_D_TACT",
@@ -67,8 +67,8 @@ _OWN: dict[Kind, dict[str, str]] = {
         "taxim-gelsight-mini": "sim.sensor.files:TAXIM_GELSIGHT_MINI",
     },
     Kind.RENDERER: {
-        "photometric": "sim.optics.colour.nominal:PHOTOMETRIC",
-        "grey-depth": "sim.optics.colour.nominal:GREY_DEPTH",
+        "photometric": "sim.optics.colour.nominal_optics:PHOTOMETRIC",
+        "grey-depth": "sim.optics.colour.nominal_optics:GREY_DEPTH",
     },
 }
 

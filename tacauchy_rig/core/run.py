@@ -195,28 +195,16 @@ class Criterion:
         cls, name: str, measured: float, limit: float, *, unit: str = "", remedy: str
     ) -> Criterion:
         """Return whether ``measured`` is no larger than ``limit``."""
-        return cls(
-            name=name,
-            passed=measured <= limit,
-            measured=measured,
-            limit=f"<= {limit:g} {unit}".strip(),
-            unit=unit,
-            remedy=remedy,
-        )
+        told, passed = f"<= {limit:g} {unit}".strip(), measured <= limit
+        return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
 
     @classmethod
     def at_least(
         cls, name: str, measured: float, limit: float, *, unit: str, remedy: str
     ) -> Criterion:
         """Return whether ``measured`` is no smaller than ``limit``."""
-        return cls(
-            name=name,
-            passed=measured >= limit,
-            measured=measured,
-            limit=f">= {limit:g} {unit}",
-            unit=unit,
-            remedy=remedy,
-        )
+        told, passed = f">= {limit:g} {unit}", measured >= limit
+        return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

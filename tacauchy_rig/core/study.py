@@ -22,7 +22,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.page import criteria_page, page
+from tacauchy_rig.core.markdown_page import criteria_page, page
 from tacauchy_rig.core.parallel import IsolatedWorker
 from tacauchy_rig.core.tables import Table, table_of
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.attempt import RunReading, crop_and_resize, decode_frame
 from reports.evidence.evidence import ImageGeometry
+from reports.evidence.read_attempt import RunReading, crop_and_resize, decode_frame
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.trusted_force import force_series
 
 IMAGE_PX = (40, 30)
 """Columns and rows of the environments' images."""

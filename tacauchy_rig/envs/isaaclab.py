@@ -18,7 +18,7 @@ from isaaclab.sensors import SensorBase, SensorBaseCfg
 from isaaclab.utils import configclass
 from isaaclab_newton.physics import NewtonManager
 
-from sim.coupling.gel_contact import UNMOVED
+from sim.coupling.rigid_body_contact import UNMOVED
 from sim.scene.indenter import Indenter
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.envs.newton import TactileSensor as OnNewton

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from sim.coupling.gel_contact import UNMOVED, GelContact
+from sim.coupling.rigid_body_contact import UNMOVED, GelContact
 from sim.device import start_warp
 from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sim.coupling import gel_kernels as kernels
-from sim.coupling.gel_contact import UNMOVED, GelContact
+from sim.coupling import rigid_body_kernels as kernels
+from sim.coupling.rigid_body_contact import UNMOVED, GelContact
 from sim.device import Device, start_warp
 from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor

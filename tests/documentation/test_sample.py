@@ -10,7 +10,7 @@ import pytest
 
 from tacauchy_rig.app.sweep.plan import read_plan, rows_of
 from tacauchy_rig.app.sweep.shards import WRENCH, compute_shard
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 
 SAMPLE = Path(__file__).parents[2] / "docs/examples/sample"
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.interfaces import Rig
 from protocols.control.cycle import Cycle
-from protocols.control.record import Begin, End, Entry, Journal
+from protocols.control.entries_and_rates import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials.programme import ProgrammeResult, run_programme

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from reports.comparison.compare import compare
-from reports.comparison.results import ValidationReport
+from reports.comparison.result_types import ValidationReport
+from reports.comparison.run_comparison import compare
 from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
@@ -21,8 +21,8 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrialImages,
 )
-from reports.page import writing
-from reports.page.writing import ReportPaths, write_report
+from reports.page import report_files
+from reports.page.report_files import ReportPaths, write_report
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
@@ -38,7 +38,7 @@ from tacauchy_rig.core.run import (
 )
 from tacauchy_rig.core.simulated import Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
 from tests.recorded_run import empty_run
@@ -261,7 +261,7 @@ def written(report: ValidationReport, tmp_path_factory: pytest.TempPathFactory) 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without figures, which take a second each."""
-    monkeypatch.setattr(writing, "draw_figures", lambda *_: [])
+    monkeypatch.setattr(report_files, "draw_figures", lambda *_: [])
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,8 @@ import pytest
 import warp as wp
 
 import sim
-from sim.batch import contact_correction, frame_kernels, sweep_kernels
-from sim.batch.contact_correction import correct_kernels
+from sim.batch import contact_inverse_kernels, dense_inverse_kernels, motion_step_kernels
+from sim.batch.contact_inverse_kernels import correct_kernels
 from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import start_warp
 from sim.press import press
@@ -91,7 +91,7 @@ def test_cuda_code_compiles_without_a_gpu(tmp_path: Path) -> None:
     kernels += [*correct_kernels(wp.float16), *descent_kernels(grips=True, pulls=True, threads=256)]
     wp.overload(kernels[-2], {"sources_out": wp.array2d(dtype=wp.float16)})
     wp.overload(kernels[-1], {"found": wp.array2d(dtype=wp.float32)})
-    for module in (contact_correction, frame_kernels, sweep_kernels):
+    for module in (contact_inverse_kernels, dense_inverse_kernels, motion_step_kernels):
         kernels += [each for each in vars(module).values() if isinstance(each, wp.Kernel)]
     modules = {each.module.name: each.module for each in kernels}
     for module in modules.values():

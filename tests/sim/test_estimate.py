@@ -4,12 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim.correction import Setting
-from sim.effects.effect_plan import EffectPlan
-from sim.effects.outputs import PressOutputs
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import CoarsePress, coarse_press
-from sim.error import (
+from sim.accuracy import (
     NOT_ASKED,
     RELATIVE_COSTS,
     Tolerance,
@@ -21,8 +16,13 @@ from sim.error import (
     parse_tolerance,
     setting_of,
 )
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import PressOutputs
+from sim.effects.press_with_effects import CoarsePress, coarse_press
+from sim.mesh_bias_correction import Setting
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, TimeLimitError

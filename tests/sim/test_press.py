@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from sim.contact.contact_surface import ContactOptions
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import surface_state
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.optics.height.height_map import height_maps
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import (
     Cylinder,
     Indenter,

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from reports.scores.residual_split import Cause
+from reports.scores.residual_causes import Cause
 from tacauchy_rig.core.simulated import ResidualSplit
 from tests.studies.acceptance.command import truth_table
 from tests.studies.gel.command import gel_table

@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from reports.scores.residual_split import Cause
+from reports.scores.residual_causes import Cause
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.reading import open_run
+from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.replay import SplitPart
 from tacauchy_rig.core.simulated import ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 
-from drivers.arm.ur5_wire import RuntimeState
-from drivers.emulators.arm.body import (
+from drivers.arm.ur5_protocol import RuntimeState
+from drivers.emulators.arm.controller_state import (
     EMERGENCY_STOP,
     NORMAL,
     PROGRAM_END_DECELERATION,

@@ -20,11 +20,11 @@ from typing import TextIO
 import numpy as np
 
 from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentWrenchFaults
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.force_sensor.sri_wire import (
+from drivers.force_sensor.sri_protocol import (
     LINE_END,
     Reply,
     decode_command,
@@ -32,7 +32,7 @@ from drivers.force_sensor.sri_wire import (
     encode_reply,
 )
 from tacauchy_rig.core.config.settings import Checksum
-from tacauchy_rig.core.force_check import GRAVITY_M_S2
+from tacauchy_rig.core.known_weight import GRAVITY_M_S2
 from tacauchy_rig.core.rotations import rotated
 from tacauchy_rig.core.run import Vector3, Vector6
 

@@ -21,7 +21,7 @@ from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
+from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg
 
 BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0

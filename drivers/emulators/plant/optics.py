@@ -16,7 +16,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.gel import Plant, SurfaceProfile
+from drivers.emulators.plant.gel_response import Plant, SurfaceProfile
 from drivers.emulators.plant.relief import (
     Relief,
     gel_texture,

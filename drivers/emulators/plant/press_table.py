@@ -24,7 +24,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 if TYPE_CHECKING:
-    from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
+    from drivers.emulators.plant.axisymmetric_fem import Equilibrium, GelSolver
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 _TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
@@ -187,7 +187,7 @@ def compute_table(case: PressCase) -> PressTable:
     """Press in steps and tabulate."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 - scipy, for new tips
 
-    from drivers.emulators.plant.axisymmetric import (  # noqa: PLC0415 - likewise
+    from drivers.emulators.plant.axisymmetric_fem import (  # noqa: PLC0415 - likewise
         Equilibrium,
         GelSolver,
         TiltResponse,

@@ -11,7 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.gel_response import SurfaceProfile
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, IntArray
 
 STEP_M = 4e-6

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.optics.markers.printed_markers import MarkerTracks
+from sim.optics.markers.marker_tracking import MarkerTracks
 from tacauchy_rig.core.arrays import AnyArray, BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 
 _IMAGE = "image"
 _COLUMNS = ("center_x_px", "center_y_px", "radius_px")

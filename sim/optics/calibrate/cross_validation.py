@@ -18,16 +18,16 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
-from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.circle_and_light import PlacedPress, PressScene, exposed
+from sim.optics.calibrate.colour_fit import Calibration
 from sim.optics.calibrate.gel_profile import fit_motions
-from sim.optics.calibrate.optics_fit import press_image, without_shadows
-from sim.optics.calibrate.press_scene import PlacedPress, PressScene, exposed
+from sim.optics.calibrate.shadow_blur_fit import press_image, without_shadows
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.image_codec import to_grey
 from tacauchy_rig.core.parallel import parallel_map
-from tacauchy_rig.core.rgb import to_grey
+from tacauchy_rig.core.time_limits import doing
 
 _NUDGES = 2
 CROP_SHARE = 0.375

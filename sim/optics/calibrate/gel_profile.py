@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
-from sim.effects.scene_path import path_for
+from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.printed_markers import MarkerTracks
+from sim.optics.markers.marker_tracking import MarkerTracks
 from sim.scene.indenter import Sphere
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset, Target

@@ -28,8 +28,8 @@ from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.press_fields import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
-from sim.optics.height import node_kernel as kernels
-from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
+from sim.optics.height import slope_kernel as kernels
+from sim.optics.height.pixel_height_kernel import BARE_M, View, bound_heights, draw_facets
 from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -282,7 +282,7 @@ _SECTORS_MIN = 4
 def round_rings(
     rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]
 ) -> dict[str, AnyArray]:
-    """Return what draws circles of a revolved mesh smooth, as tables of ``node_kernel.Gel``.
+    """Return what draws circles of a revolved mesh smooth, as tables of ``slope_kernel.Gel``.
 
     A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.
     """
@@ -342,7 +342,7 @@ _ON_EDGE = (1, 2, 3, 5, 6, 7)
 def cut_face() -> tuple[FloatArray, FloatArray, IntArray]:
     """Return the places of a face; the first 24 are its nodes and those on its edges.
 
-    As ``values`` and ``straight`` of ``node_kernel.Gel``, of 45 places, and as the places of the
+    As ``values`` and ``straight`` of ``slope_kernel.Gel``, of 45 places, and as the places of the
     parts' nodes, shape [16, 6].
     """
     places = list(_FACE_NODES)
@@ -413,7 +413,7 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
 
 
 def two_rings(triangles: IntArray, node_count: int) -> dict[str, IntArray]:
-    """Return the nodes at most two edges from each node, as tables of ``node_kernel.Gel``."""
+    """Return the nodes at most two edges from each node, as tables of ``slope_kernel.Gel``."""
     start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
     end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
     one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)

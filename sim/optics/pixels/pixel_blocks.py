@@ -1,4 +1,4 @@
-"""Images' samples in a device's memory, laid out in the blocks of ``pixel_kernel``."""
+"""Images' samples in a device's memory, laid out in the blocks of ``blur_and_exposure_kernel``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.optics.pixels.pixel_kernel import Layout
+from sim.optics.pixels.blur_and_exposure_kernel import Layout
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 

@@ -1,7 +1,7 @@
 """Warp kernels of shadows: which rays of a lamp the gel cuts off, and what light is lost by it.
 
 Shadows are found in sweeps from a lamp, along rays that part from it: step by step, and in a step
-ray by ray. Samples lie in blocks as ``pixel_kernel`` says.
+ray by ray. Samples lie in blocks as ``blur_and_exposure_kernel`` says.
 """
 
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from sim.device import start_warp
-from sim.optics.pixels.pixel_kernel import Layout, place_of
+from sim.optics.pixels.blur_and_exposure_kernel import Layout, place_of
 
 start_warp()
 

@@ -14,10 +14,9 @@ import warp as wp
 
 from sim.device import Device
 from sim.optics.colour.colour_model import ColourModel, PixelColours, SampleColours
-from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import HeightMaps
-from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
-from sim.optics.pixels.pixel_kernel import (
+from sim.optics.pixels.blur_and_exposure_kernel import (
     blur_columns,
     continue_samples,
     expose_pixels,
@@ -25,10 +24,11 @@ from sim.optics.pixels.pixel_kernel import (
     mirror_ends,
     tilt_samples,
 )
+from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, ImageArray, RealArray
 from tacauchy_rig.core.errors import ConfigError

@@ -19,7 +19,7 @@ from sim.device import Device
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.pixels.shadow_kernel import Rays, follow_rays, lose_light, turn_dents
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 
 _NEAREST_SHARE = 0.05  # of an image's size: so far beside it a lamp stands at least

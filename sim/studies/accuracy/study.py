@@ -12,13 +12,13 @@ from pydantic import TypeAdapter
 
 from sim.mesh.elements import ElementOrder
 from sim.optics.render.renderer import nominal_renderer
-from sim.press_command import scene_of
+from sim.press_arguments import scene_of
 from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy import judging
+from sim.studies.accuracy import reference_errors
 from sim.studies.accuracy.tolerance import HELD_OUT, SEEN_BEFORE, check_tolerance, tolerance_table
-from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
-from tacauchy_rig.core.page import prose, table_prose
+from tacauchy_rig.core.markdown_page import prose, table_prose
+from tacauchy_rig.core.plot_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
 
@@ -37,7 +37,7 @@ _TITLES = {
 }
 
 
-def accuracy_figure(rows: Sequence[judging.Row], bars: Mapping[str, float]) -> Figure:
+def accuracy_figure(rows: Sequence[reference_errors.Row], bars: Mapping[str, float]) -> Figure:
     """Draw error against time, that of F_z large; bars are how far the reference may be off."""
     figure = Figure(figsize=(PAGE_IN, 4.6), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(2.4, 1.0, 1.0))
@@ -48,7 +48,9 @@ def accuracy_figure(rows: Sequence[judging.Row], bars: Mapping[str, float]) -> F
     return figure
 
 
-def _draw_panel(axes: Axes, rows: Sequence[judging.Row], bar: float, quantity: str) -> None:
+def _draw_panel(
+    axes: Axes, rows: Sequence[reference_errors.Row], bar: float, quantity: str
+) -> None:
     """Draw a quantity's errors; below ``bar``, the reference's own error, nothing is known."""
     large = quantity == _LARGE
     # The reference has no error against itself, and no place on a log axis.
@@ -69,7 +71,8 @@ def _draw_panel(axes: Axes, rows: Sequence[judging.Row], bar: float, quantity: s
             continue
         tall = [sizes[row.configuration.name] for row in chosen]
         bars = [
-            judging.error_bar(bar, row.errors[quantity], row.chances[quantity]) for row in chosen
+            reference_errors.error_bar(bar, row.errors[quantity], row.chances[quantity])
+            for row in chosen
         ]
         axes.errorbar(
             [row.time_s for row in chosen],
@@ -98,11 +101,13 @@ def _draw_panel(axes: Axes, rows: Sequence[judging.Row], bar: float, quantity: s
         axes.legend(loc="upper right")
 
 
-def _kind(configuration: judging.Configuration) -> tuple[ElementOrder, bool]:
+def _kind(configuration: reference_errors.Configuration) -> tuple[ElementOrder, bool]:
     return configuration.element, configuration.is_corrected
 
 
-def _write_labels(axes: Axes, rows: Sequence[judging.Row], sizes: dict[str, float]) -> None:
+def _write_labels(
+    axes: Axes, rows: Sequence[reference_errors.Row], sizes: dict[str, float]
+) -> None:
     """Name presets above their points, in bold, and below them what gains on the front."""
     least = np.inf
     for row in sorted(rows, key=lambda row: row.time_s):
@@ -129,7 +134,7 @@ ROWS_WANTED, FRONT_WANTED = 12, 4
 _RUNS = 2.0
 _TOLERANCE = "tolerance: "
 _prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
-_row: Callable[[Any], judging.Row] = TypeAdapter(judging.Row).validate_python
+_row: Callable[[Any], reference_errors.Row] = TypeAdapter(reference_errors.Row).validate_python
 
 
 @dataclass
@@ -137,7 +142,7 @@ class Accuracy(Study):
     """A press with many settings against a reference, on meshes of one seed or more."""
 
     terms: SceneTerms  # a press of a sensor to a force
-    similarity: judging.Similarity  # as for ``Judge``
+    similarity: reference_errors.Similarity  # as for ``Judge``
     full: bool = False  # measure many more settings
     # Of the meshes; the first one is shown whole, others are compared with it
     seeds: Sequence[int] = (0,)
@@ -165,23 +170,24 @@ class Accuracy(Study):
             for each in (*HELD_OUT, *SEEN_BEFORE)
         ]
 
-    def _named(self, seed: int) -> dict[str, judging.Configuration]:
+    def _named(self, seed: int) -> dict[str, reference_errors.Configuration]:
         """Return the configurations by the names of a seed's cases."""
         before = "" if seed == self.seeds[0] else f"seed {seed}: "
         return {
-            f"{before}{each.name}": each for each in (judging.FULL if self.full else judging.SHORT)
+            f"{before}{each.name}": each
+            for each in (reference_errors.FULL if self.full else reference_errors.SHORT)
         }
 
     @property
     def _text(self) -> str:
         return f"{self.terms.indenter} into {self.terms.sensor} at {self.terms.force}"
 
-    def _judge(self, seed: int) -> judging.Judge:
+    def _judge(self, seed: int) -> reference_errors.Judge:
         gel = load_sensor(self.terms.sensor or "")
-        return judging.Judge(
+        return reference_errors.Judge(
             scene_of(self.terms),
             gel.camera,
-            judging.reseeded(judging.REFERENCE, seed),
+            reference_errors.reseeded(reference_errors.REFERENCE, seed),
             render=nominal_renderer(gel),
             similarity=self.similarity,
         )
@@ -197,12 +203,12 @@ class Accuracy(Study):
 
     def rows(
         self, results: Sequence[Result], seed: int
-    ) -> tuple[list[judging.Row], dict[str, float]]:
+    ) -> tuple[list[reference_errors.Row], dict[str, float]]:
         """Return the rows of a seed, and how far its reference may be off, by quantity."""
         names = self._named(seed)
         found = [each.found for each in results if each.name in names and not each.failure]
         bars = found[0]["bars"] if found else {}
-        return judging.finished([_row(each["row"]) for each in found]), bars
+        return reference_errors.finished([_row(each["row"]) for each in found]), bars
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the first seed's study, the others beside it, and the tolerances."""
@@ -252,9 +258,12 @@ class Accuracy(Study):
 
 
 def _measured(
-    judge: Callable[[], judging.Judge], each: judging.Configuration, seed: int
+    judge: Callable[[], reference_errors.Judge], each: reference_errors.Configuration, seed: int
 ) -> dict[str, Any]:
-    row = judge().row(judging.reseeded(each, seed), shifted=seed == 0 and each in judging.SHIFTED)
+    row = judge().row(
+        reference_errors.reseeded(each, seed),
+        shifted=seed == 0 and each in reference_errors.SHIFTED,
+    )
     reference = judge().reference
     return {
         "row": asdict(row),
@@ -264,7 +273,7 @@ def _measured(
 
 
 def study_table(
-    rows: Sequence[judging.Row], bars: Mapping[str, float], *, scene: str, reference: str
+    rows: Sequence[reference_errors.Row], bars: Mapping[str, float], *, scene: str, reference: str
 ) -> Table:
     """Return every configuration's errors and cost."""
     fast_s = next((row.time_s for row in rows if row.configuration.name == Preset.FAST), None)
@@ -273,7 +282,7 @@ def study_table(
     facts = {"scene": scene, "reference": reference, "bars": off}
     wanted = {"rows_wanted": ROWS_WANTED, "front_wanted": FRONT_WANTED}
 
-    def percent(row: judging.Row, quantity: str) -> float:
+    def percent(row: reference_errors.Row, quantity: str) -> float:
         return 1e2 * row.errors[quantity]
 
     return table_of(
@@ -285,7 +294,10 @@ def study_table(
             "time [s]": lambda row: row.time_s,
             "time over fast's": lambda row: row.time_s / fast_s if fast_s else None,
             "F_z [%]": partial(percent, quantity="force"),
-            **{f"{name} [%]": partial(percent, quantity=name) for name in judging.QUANTITIES[1:-1]},
+            **{
+                f"{name} [%]": partial(percent, quantity=name)
+                for name in reference_errors.QUANTITIES[1:-1]
+            },
             "1 - SSIM": lambda row: row.errors["image"],
             "ZNCC": lambda row: row.zncc_contact,
             "front": lambda row: "yes" if row.on_front else "",
@@ -296,8 +308,8 @@ def study_table(
 
 
 def seed_table(
-    rows: Sequence[judging.Row],
-    others: Sequence[judging.Row],
+    rows: Sequence[reference_errors.Row],
+    others: Sequence[reference_errors.Row],
     bars: Mapping[str, float],
     *,
     seed: int,
@@ -308,13 +320,18 @@ def seed_table(
 
     def bar(name: str, of: str) -> float:
         row = first[name]
-        return _RUNS * judging.error_bar(bars[of], row.errors[of], row.chances[of])
+        return _RUNS * reference_errors.error_bar(bars[of], row.errors[of], row.chances[of])
 
     def missing(name: str) -> list[str]:
         errors, found = first[name].errors, second[name]
-        return [of for of in judging.QUANTITIES if abs(found[of] - errors[of]) > bar(name, of)]
+        return [
+            of for of in reference_errors.QUANTITIES if abs(found[of] - errors[of]) > bar(name, of)
+        ]
 
-    total, missed = len(judging.QUANTITIES) * len(first), sum(len(missing(name)) for name in first)
+    total, missed = (
+        len(reference_errors.QUANTITIES) * len(first),
+        sum(len(missing(name)) for name in first),
+    )
     return table_of(
         first,
         {
@@ -330,6 +347,6 @@ def seed_table(
             seed=seed,
             within=total - missed,
             total=total,
-            shift=f"{judging.EDGE_SHIFT:.0%}",
+            shift=f"{reference_errors.EDGE_SHIFT:.0%}",
         ),
     )

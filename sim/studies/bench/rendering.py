@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sim.accuracy import Tolerance, keeping, setting_of
 from sim.device import Device
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
-from sim.effects.scene_path import path_for
-from sim.error import Tolerance, keeping, setting_of
+from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import SurfaceState, surface_state
-from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
@@ -27,7 +27,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.markdown_page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
 
 SENSORS = ("gelsight-mini", "digit")

@@ -13,13 +13,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
-from sim.correction import Corrected
-from sim.error import parse_tolerance
+from sim.accuracy import parse_tolerance
+from sim.mesh_bias_correction import Corrected
 from sim.studies import from_file
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.figure_style import BLUE, COLUMN_IN, GREEN, ORANGE, PURPLE, SKY
-from tacauchy_rig.core.page import table_prose
-from tacauchy_rig.core.store.codec import from_json, loads
+from tacauchy_rig.core.markdown_page import table_prose
+from tacauchy_rig.core.plot_style import BLUE, COLUMN_IN, GREEN, ORANGE, PURPLE, SKY
+from tacauchy_rig.core.store.json_codec import from_json, loads
 from tacauchy_rig.core.tables import Cell, Table, table_of
 
 FRAME_COUNT = 20

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchForces, BatchOptions
-from sim.batch.measured_bias import press_alone
+from sim.batch.force_bias import press_alone
 from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.optics.surface_images import SurfaceImages
@@ -19,7 +19,7 @@ from sim.scene.scene import Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.rendering import Row, batch_device
 from tacauchy_rig.core.arrays import FloatArray, IntArray
-from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.markdown_page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
 
 UNLIKE_SEED, ALONE_SEED = 20261205, 20261206

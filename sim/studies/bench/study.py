@@ -8,14 +8,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
-from sim.error import Tolerance, parse_tolerance
-from sim.press_command import scene_of
+from sim.accuracy import Tolerance, parse_tolerance
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import path_for
+from sim.press_arguments import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench import Part, rendering, scenes, sensor_batches
-from sim.studies.bench.press import press_reference, press_scene
+from sim.studies.bench.timed_press import press_reference, press_scene
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table

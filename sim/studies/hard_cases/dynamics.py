@@ -11,16 +11,16 @@ from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Inertia
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases import pads
-from sim.studies.hard_cases.pads import Measured, Outcome
+from sim.solve.weight_and_inertia import Inertia
+from sim.studies.hard_cases import small_pads
+from sim.studies.hard_cases.small_pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
 SLIP_M = 1e-7
 # IPC's default (Li et al. 2020): sticking is slower than 1e-3 of the scene's size a second.
-EPS_V_M_S = 1e-3 * 2.0 * pads.DISC.radius_m
+EPS_V_M_S = 1e-3 * 2.0 * small_pads.DISC.radius_m
 SPEED_M_S = 1e-3
 LIMIT_EXCESS = 1e-3
 TORQUE_KINK_SHARE = 0.05
@@ -31,8 +31,8 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
 
     Creep is the motion along the indenter of points that stick, in one step.
     """
-    mesh = pads.round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
-    model = pads.pad_model(mesh, friction=FRICTION, slip_m=SLIP_M)
+    mesh = small_pads.round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
+    model = small_pads.pad_model(mesh, friction=FRICTION, slip_m=SLIP_M)
     path = LoadingPath(model, Sphere(diameter_m=10e-3))
     back_and_forth = ((1, 1), (0, hold_count), (1, step_count), (0, hold_count), (-1, step_count))
     moves = [sign * step_m for sign, count in back_and_forth for _ in range(count)]
@@ -68,7 +68,7 @@ def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> tuple[
         Tangential over normal forces over mu, less one; how far a point that sticks moved along
         the indenter, and any that touches, at most [m]; the share of touching points that stick.
     """
-    old, new = pads.grip_of(before), pads.grip_of(point)
+    old, new = small_pads.grip_of(before), small_pads.grip_of(point)
     touching = (old.held > 0.0) & (new.held > 0.0)
     stuck = touching & np.all(old.anchors == new.anchors, axis=2)
     slip = _along_indenter(path, before, point)
@@ -88,7 +88,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
         for point in (before, after)
     )
     motion -= start
-    loads = pads.grip_of(after).loads
+    loads = small_pads.grip_of(after).loads
     normals = loads / np.maximum(np.linalg.norm(loads, axis=2, keepdims=True), 1e-300)
     motion -= np.einsum("fpx,fpx->fp", motion, normals)[..., None] * normals
     return np.asarray(np.linalg.norm(motion, axis=2))
@@ -96,10 +96,10 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
 
 def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
     """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
-    pad = DiscPad(radius_m=4e-3, height_m=pads.HEIGHT_M)
-    mesh = pads.round_mesh(pad=pad, start_m=0.0, size_m=1e-3, symmetric=False)
-    path = LoadingPath(pads.pad_model(mesh, bonded=True), Plane())
-    point = path.advance(0.2 * pads.HEIGHT_M)
+    pad = DiscPad(radius_m=4e-3, height_m=small_pads.HEIGHT_M)
+    mesh = small_pads.round_mesh(pad=pad, start_m=0.0, size_m=1e-3, symmetric=False)
+    path = LoadingPath(small_pads.pad_model(mesh, bonded=True), Plane())
+    point = path.advance(0.2 * small_pads.HEIGHT_M)
     ratio_min = point.equilibrium.min_jacobian
     torques = [0.0]
     for _ in range(round(turn_deg / step_deg)):
@@ -141,9 +141,9 @@ _RISE_ALLOWED = 1e-7
 
 def time_steps() -> Outcome:
     """Press to a depth with every time step, and without time at once."""
-    model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
-    static = LoadingPath(model, pads.PUNCH).advance(_RAMP_TO_M).force_n[2]
-    path = LoadingPath(model, pads.PUNCH, step_max_m=1.0)
+    model = small_pads.pad_model(small_pads.round_mesh(), order=ElementOrder.P1)
+    static = LoadingPath(model, small_pads.PUNCH).advance(_RAMP_TO_M).force_n[2]
+    path = LoadingPath(model, small_pads.PUNCH, step_max_m=1.0)
     at_once = path.advance(_RAMP_TO_M).force_n[2] / static - 1.0
     measured: Measured = {
         "force_static_n": float(static),
@@ -163,8 +163,8 @@ def time_steps() -> Outcome:
 
 def _jump(model: Model, step_s: float) -> float:
     """Return F_z [N] after the whole depth at once, then rest in steps that grow."""
-    inertia = Inertia(model, pads.DENSITY_KG_M3)
-    path = LoadingPath(model, pads.PUNCH, step_max_m=1.0, inertia=inertia)
+    inertia = Inertia(model, small_pads.DENSITY_KG_M3)
+    path = LoadingPath(model, small_pads.PUNCH, step_max_m=1.0, inertia=inertia)
     found, held_s = path.advance(_RAMP_TO_M, duration_s=step_s), step_s
     while held_s < 1.0:
         held_s *= 4.0
@@ -174,7 +174,7 @@ def _jump(model: Model, step_s: float) -> float:
 
 def _ramp(model: Model, step_s: float) -> list[float]:
     """Return F_z [N] for as long as the slowest tone, after a smooth ramp in even steps."""
-    path = LoadingPath(model, pads.PUNCH, inertia=Inertia(model, pads.DENSITY_KG_M3))
+    path = LoadingPath(model, small_pads.PUNCH, inertia=Inertia(model, small_pads.DENSITY_KG_M3))
     path.advance(_RAMP_FROM_M)
     forces, time_s = [], 0.0
     while time_s < _RAMP_S + _LISTEN_S:
@@ -205,9 +205,9 @@ def energy_j(path: LoadingPath, inertia: Inertia) -> float:
 
 def impact() -> Outcome:
     """Follow energies and gaps through every impact."""
-    model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
+    model = small_pads.pad_model(small_pads.round_mesh(), order=ElementOrder.P1)
     rise, gap, peak, touching = -np.inf, np.inf, 0.0, 0
-    bodies: tuple[Indenter, ...] = (pads.PUNCH, pads.BALL)
+    bodies: tuple[Indenter, ...] = (small_pads.PUNCH, small_pads.BALL)
     for indenter, speed_m_s, thrown in product(bodies, _SPEEDS_M_S, (False, True)):
         steps, gained = _impact(model, indenter, speed_m_s, thrown=thrown)
         rise = max(rise, float(gained.max()))
@@ -234,11 +234,11 @@ def _impact(
     Returns:
         The steps, and the energy that each gained over its own or the indenter's work.
     """
-    inertia = Inertia(model, pads.DENSITY_KG_M3)
+    inertia = Inertia(model, small_pads.DENSITY_KG_M3)
     path = LoadingPath(model, indenter, inertia=inertia)
     path.advance(_IMPACT_FROM_M)
     if thrown:
-        inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / pads.HEIGHT_M
+        inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / small_pads.HEIGHT_M
     depth, energies, works = _IMPACT_FROM_M, [energy_j(path, inertia)], [0.0]
     steps: list[PathPoint] = []
     for k in range(_IMPACT_STEP_COUNT):

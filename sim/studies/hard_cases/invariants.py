@@ -16,8 +16,8 @@ from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOption
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases import pads
-from sim.studies.hard_cases.pads import Measured, Outcome
+from sim.studies.hard_cases import small_pads
+from sim.studies.hard_cases.small_pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.parallel import IsolatedWorker
@@ -42,10 +42,10 @@ def degenerate_starts() -> Outcome:
     iterations: dict[str, int] = {}
     steps, factors, worst = 0, 0, 0.0
     for order in ElementOrder:
-        model = pads.pad_model(pads.brick_mesh(_CELLS, jitter=0.2), order=order)
+        model = small_pads.pad_model(small_pads.brick_mesh(_CELLS, jitter=0.2), order=order)
         rest = model.nodes
         starts = {
-            "to a point": np.tile([0.0, 0.0, 0.5 * pads.HEIGHT_M], (len(rest), 1)),
+            "to a point": np.tile([0.0, 0.0, 0.5 * small_pads.HEIGHT_M], (len(rest), 1)),
             "to a point of the base": np.zeros_like(rest),
             "flat on the base": rest * [1.0, 1.0, 0.0],
             "flat across": rest * [0.0, 1.0, 1.0],
@@ -56,7 +56,7 @@ def degenerate_starts() -> Outcome:
             state = _started(model, positions)
             solver = EquilibriumSolver(model, _FAR, reuse=reuse)
             found = solver.settle(state, options=_PATIENT)
-            worst = max(worst, float(np.abs(state.positions - rest).max()) / pads.HEIGHT_M)
+            worst = max(worst, float(np.abs(state.positions - rest).max()) / small_pads.HEIGHT_M)
             if reuse is NEWTON:
                 iterations[f"{order.value} {name}"] = found.iterations
             else:
@@ -79,7 +79,7 @@ def random_start() -> Outcome:
     smallest, inverted = np.inf, 0
     rested = dict.fromkeys(ElementOrder, 0)
     for order in ElementOrder:
-        model = pads.pad_model(pads.brick_mesh((4, 4, 2)), order=order)
+        model = small_pads.pad_model(small_pads.brick_mesh((4, 4, 2)), order=order)
         for seed in range(_SEEDS):
             low, high = model.nodes.min(axis=0), model.nodes.max(axis=0)
             anywhere = np.random.default_rng(seed).uniform(low, high, size=model.nodes.shape)
@@ -90,9 +90,11 @@ def random_start() -> Outcome:
             energies = [start, *solver.energies_j]
             iterations = max(iterations, found.iterations)
             rises.append(float(np.diff(energies).max()) / energies[0])
-            residual = max(residual, found.residual_n / (pads.YOUNG_PA * pads.HEIGHT_M**2))
+            residual = max(
+                residual, found.residual_n / (small_pads.YOUNG_PA * small_pads.HEIGHT_M**2)
+            )
             smallest = min(smallest, found.min_jacobian)
-            if np.abs(state.positions - model.nodes).max() > 1e-6 * pads.HEIGHT_M:
+            if np.abs(state.positions - model.nodes).max() > 1e-6 * small_pads.HEIGHT_M:
                 knots.append(energies[-1] / model.energy_scale_j)
                 # Corners inside out, whatever det F is inside.
                 corners = state.positions[model.elements[:, :4]]
@@ -117,7 +119,7 @@ def random_start() -> Outcome:
 
 def penetrating_start() -> Outcome:
     """Case 15: the indenter begins inside the undeformed gel, up to a whole diameter deep."""
-    model = pads.pad_model(pads.quarter_brick_mesh((4, 4, 4)))
+    model = small_pads.pad_model(small_pads.quarter_brick_mesh((4, 4, 4)))
     resolved, worst, gap, spoiled = 0, 0.0, np.inf, 0
     refusals: dict[str, str] = {}
     for indenter in (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)):
@@ -165,7 +167,9 @@ _DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
 
 def no_contact() -> Outcome:
     """Case 14: above the gel, on the way down to it, and after a press."""
-    path = LoadingPath(pads.pad_model(pads.round_mesh(pad=pads.DOMED)), pads.PUNCH)
+    path = LoadingPath(
+        small_pads.pad_model(small_pads.round_mesh(pad=small_pads.DOMED)), small_pads.PUNCH
+    )
     above = [path.advance(-height) for height in (2e-3, 0.5e-3, 1e-5)]
     iterations = path.counts.newton_iterations
     path.advance(0.1e-3)
@@ -186,18 +190,20 @@ def force_balance() -> Outcome:
     plain, bonded, sliding = dict[str, Any](), {"bonded": True}, {"friction": 0.4}
     worst, gap, count = 0.0, np.inf, 0
     for order, indenter, contact in (
-        (ElementOrder.P1, pads.PUNCH, plain),
-        (ElementOrder.P1, pads.BALL, bonded),
-        (ElementOrder.P2, pads.PUNCH, plain),
-        (ElementOrder.P2, pads.BALL, plain),
-        (ElementOrder.P2, pads.PUNCH, bonded),
-        (ElementOrder.P2, pads.BALL, sliding),
+        (ElementOrder.P1, small_pads.PUNCH, plain),
+        (ElementOrder.P1, small_pads.BALL, bonded),
+        (ElementOrder.P2, small_pads.PUNCH, plain),
+        (ElementOrder.P2, small_pads.BALL, plain),
+        (ElementOrder.P2, small_pads.PUNCH, bonded),
+        (ElementOrder.P2, small_pads.BALL, sliding),
     ):
-        model = pads.pad_model(pads.round_mesh(pad=pads.DOMED), order=order, **contact)
+        model = small_pads.pad_model(
+            small_pads.round_mesh(pad=small_pads.DOMED), order=order, **contact
+        )
         path = LoadingPath(model, indenter)
         for depth in (0.5 * _DEPTH_M, _DEPTH_M):
             point = path.advance(depth)
-            worst = max(worst, pads.balance_relative(model, point))
+            worst = max(worst, small_pads.balance_relative(model, point))
             gap = min(gap, contact_measures(path, point).gap_min_m)
             count += 1
     slide = slide_and_return()
@@ -240,8 +246,10 @@ def slide_and_return() -> dict[str, float]:
         point in an increment, and the sum of friction's force times slip [J]; the indenter's work
         by the trapezoidal rule less what is stored [J].
     """
-    model = pads.pad_model(pads.round_mesh(symmetric=False), order=ElementOrder.P1, friction=0.4)
-    path = LoadingPath(model, pads.BALL, step_max_m=_SLIDE_STEP_M)
+    model = small_pads.pad_model(
+        small_pads.round_mesh(symmetric=False), order=ElementOrder.P1, friction=0.4
+    )
+    path = LoadingPath(model, small_pads.BALL, step_max_m=_SLIDE_STEP_M)
     point = path.advance(_DEPTH_M)
     stored, work = path.solver.energy_j(point.state), 0.0
     balances, gaps, lost = [], [], []
@@ -251,7 +259,7 @@ def slide_and_return() -> dict[str, float]:
         travel = point.state.tip - before.state.tip
         work -= 0.5 * float((before.force_n + point.force_n) @ travel)
         lost.append(_dissipation(before, point))
-        balances.append(pads.balance_relative(model, point))
+        balances.append(small_pads.balance_relative(model, point))
         gaps.append(contact_measures(path, point).gap_min_m)
     return {
         "balance_relative": max(balances),
@@ -269,7 +277,7 @@ def gives_nothing_back(slide: Mapping[str, float]) -> bool:
 
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     """Return the least and the summed tangential force times slip of points that held on [J]."""
-    earlier, later = pads.grip_of(before), pads.grip_of(after)
+    earlier, later = small_pads.grip_of(before), small_pads.grip_of(after)
     both = (earlier.held > 0.0) & (later.held > 0.0)
     loads = later.loads[both]
     normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
@@ -284,7 +292,9 @@ def fingerprint() -> str:
 
     They are equal for bitwise equal results.
     """
-    path = LoadingPath(pads.pad_model(pads.round_mesh(pad=pads.DOMED)), pads.PUNCH)
+    path = LoadingPath(
+        small_pads.pad_model(small_pads.round_mesh(pad=small_pads.DOMED)), small_pads.PUNCH
+    )
     point = path.advance(0.2e-3)
     digest = hashlib.sha256(point.state.positions.tobytes()).hexdigest()
     return f"{float(point.force_n[2]).hex()} {digest}"
@@ -324,12 +334,12 @@ def _answer(length: float, stress: float) -> tuple[tuple[FloatArray, FloatArray]
     """
     positions, forces, iterations = [], [], 0
     for order, friction in ((ElementOrder.P2, 0.0), (ElementOrder.P1, 0.4)):
-        mesh = pads.round_mesh(symmetric=friction == 0.0)
-        model = pads.pad_model(
+        mesh = small_pads.round_mesh(symmetric=friction == 0.0)
+        model = small_pads.pad_model(
             replace(mesh, vertices=mesh.vertices * length),
             order=order,
-            young_pa=pads.YOUNG_PA * stress,
-            distance_m=pads.BARRIER_M * length,
+            young_pa=small_pads.YOUNG_PA * stress,
+            distance_m=small_pads.BARRIER_M * length,
             friction=friction,
             slip_m=1e-6 * length,
         )

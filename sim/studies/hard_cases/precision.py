@@ -24,7 +24,7 @@ from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, describe
 from sim.solve.loading_path import LoadingPath
-from sim.studies.hard_cases.pads import BALL, PUNCH, Measured, Outcome, pad_model, round_mesh
+from sim.studies.hard_cases.small_pads import BALL, PUNCH, Measured, Outcome, pad_model, round_mesh
 
 _TOLERANCE = 1e-3
 _SCALAR = re.compile(r"\bwp\.float64\b")

@@ -20,8 +20,8 @@ from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases import pads
-from sim.studies.hard_cases.pads import Measured, Outcome
+from sim.studies.hard_cases import small_pads
+from sim.studies.hard_cases.small_pads import Measured, Outcome
 from sim.studies.verification.exact import BondedLayers
 from sim.studies.verification.forces import measure_orders
 from tacauchy_rig.core.arrays import FloatArray, IntArray
@@ -46,7 +46,7 @@ _WIDE = Scene(
 
 def slivers(depth_m: float = 0.8e-3) -> Outcome:
     """Press a ball into a brick with and without slivers, with both elements."""
-    good = pads.brick_mesh((6, 6, 3))
+    good = small_pads.brick_mesh((6, 6, 3))
     bad = with_slivers(good, dihedral_deg=SLIVER_DEG)
     measured: Measured = {"dihedral_min_deg": smallest_dihedral_deg(bad)}
     worst = 0.0
@@ -61,7 +61,7 @@ def slivers(depth_m: float = 0.8e-3) -> Outcome:
 
 
 def _ball_press(mesh: TetMesh, order: ElementOrder, depth_m: float) -> tuple[int, float]:
-    path = LoadingPath(pads.pad_model(mesh, order=order), Sphere(diameter_m=8e-3))
+    path = LoadingPath(small_pads.pad_model(mesh, order=order), Sphere(diameter_m=8e-3))
     point = path.advance(depth_m)
     return path.counts.newton_iterations, float(point.force_n[2])
 
@@ -165,11 +165,11 @@ def press_in(
     indenter = Cylinder(diameter_m=5e-3, fillet_m=fillet_m)
     radius = indenter.radius_m
     rim: dict[str, Any] = {"start_m": radius - fillet_m, "end_m": radius, "size_m": size_m}
-    mesh = pads.round_mesh(**rim, **mesh_options)
-    model = pads.pad_model(mesh, law_name=law_name, bonded=bonded)
+    mesh = small_pads.round_mesh(**rim, **mesh_options)
+    model = small_pads.pad_model(mesh, law_name=law_name, bonded=bonded)
     path = LoadingPath(model, indenter, step_max_m=_FRAME_M)
     forces, ratios = [0.0], [1.0]
-    depth = _DEPTH_SHARE * pads.HEIGHT_M
+    depth = _DEPTH_SHARE * small_pads.HEIGHT_M
     for at in np.linspace(0.0, depth, round(depth / _FRAME_M) + 1)[1:]:
         point = path.advance(float(at))
         forces.append(float(point.force_n[2]))
@@ -188,7 +188,7 @@ def press_in(
 
 # --- Places on the pad.
 PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
-INDENTERS: dict[str, Indenter] = {"sharp_cylinder": PUNCH, "sphere": pads.BALL}
+INDENTERS: dict[str, Indenter] = {"sharp_cylinder": PUNCH, "sphere": small_pads.BALL}
 PLACES = {"middle": (0.0, 0.0), "edge": (6e-3, 0.0), "corner": (6e-3, 6e-3)}
 DEPTHS_M = (0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3)
 _BALANCE_MAX = 1e-6
@@ -236,7 +236,7 @@ def _pressed_at(scene: Scene) -> Measured:
     forces, balance, gap = [0.0], 0.0, np.inf
     for depth in DEPTHS_M:
         point = path.advance(depth)
-        balance = max(balance, pads.balance_relative(model, point))
+        balance = max(balance, small_pads.balance_relative(model, point))
         gap = min(gap, contact_measures(path, point).gap_min_m)
         forces.append(float(point.force_n[2]))
     return {
@@ -259,14 +259,14 @@ def consistency_and_order() -> Outcome:
     """Turn, stretch and refine."""
     measured = rigid_motion() | patch_test()
     exact = max(float(deviation) for deviation in measured.values())
-    orders = pads.outcome_of(measure_orders())
+    orders = small_pads.outcome_of(measure_orders())
     return Outcome(passed=exact <= 1e-10 and orders.passed, measured=measured | orders.measured)
 
 
 def _uneven_models(laws: Iterable[LawName]) -> Iterator[Model]:
-    mesh = pads.brick_mesh((4, 4, 3), jitter=0.2)
+    mesh = small_pads.brick_mesh((4, 4, 3), jitter=0.2)
     for order, name in product(ElementOrder, laws):
-        yield pads.pad_model(mesh, order=order, law_name=name)
+        yield small_pads.pad_model(mesh, order=order, law_name=name)
 
 
 def rigid_motion() -> Measured:
@@ -277,9 +277,9 @@ def rigid_motion() -> Measured:
     for model in _uneven_models(_OBJECTIVE):
         moved = model.nodes @ turn.T + np.array([0.01, -0.02, 0.03])
         stored = abs(model.gel.energy(moved)[0])
-        energy = max(energy, stored / (pads.YOUNG_PA * model.volume_m3))
+        energy = max(energy, stored / (small_pads.YOUNG_PA * model.volume_m3))
         pull = float(np.abs(model.gel.gradient(moved)).max())
-        force = max(force, pull / (pads.YOUNG_PA * pads.HEIGHT_M**2))
+        force = max(force, pull / (small_pads.YOUNG_PA * small_pads.HEIGHT_M**2))
     return {"rigid_energy_over_E_volume": energy, "rigid_force_over_E_height2": force}
 
 
@@ -289,7 +289,7 @@ def patch_test() -> Measured:
     for model in _uneven_models(_REST_STABLE):
         expected = model.nodes @ _STRETCH.T
         found = _interior_equilibrium(model, expected)
-        distance = max(distance, float(np.abs(found - expected).max()) / pads.HEIGHT_M)
+        distance = max(distance, float(np.abs(found - expected).max()) / small_pads.HEIGHT_M)
     return {"patch_distance_over_height": distance}
 
 
@@ -299,7 +299,7 @@ def _interior_equilibrium(model: Model, boundary: FloatArray) -> FloatArray:
     outer[np.unique(boundary_faces(model.elements)[0])] = True
     inside = np.flatnonzero(~outer.reshape(-1)[model.pattern.free_dofs])
     dofs = model.pattern.free_dofs[inside]
-    noise = np.random.default_rng(2).uniform(-0.01, 0.01, size=boundary.shape) * pads.HEIGHT_M
+    noise = np.random.default_rng(2).uniform(-0.01, 0.01, size=boundary.shape) * small_pads.HEIGHT_M
     positions = np.where(outer, boundary, boundary + noise)
     untouched = np.zeros((len(model.faces), len(model.reference.face_weights), 3, 3))
     for _ in range(_NEWTON_STEPS):

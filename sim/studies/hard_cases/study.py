@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.studies import from_file, measured_at
-from sim.studies.hard_cases.pads import outcome_of
+from sim.studies.hard_cases.small_pads import outcome_of
 from tacauchy_rig.core.study import Case, Result, Study
 from tacauchy_rig.core.tables import Table
 from tacauchy_rig.core.versions import machine, versions

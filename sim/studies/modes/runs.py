@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import path_for
 from sim.fields.contact_signature import ContactSignature, contact_signature
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target

@@ -23,7 +23,7 @@ from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arr
 from sim.fields.stress import recovered_stress
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.modes.runs import (
@@ -37,7 +37,7 @@ from sim.studies.modes.runs import (
 )
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.figure_style import INK, PAGE_IN
+from tacauchy_rig.core.plot_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table
 

@@ -14,8 +14,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer
@@ -27,7 +27,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.equilibrium import SolverOptions
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.figure_style import INK, PAGE_IN
+from tacauchy_rig.core.plot_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table, table_of
 

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import PAPER_SIZING, build_model, mesh_for
-from sim.effects.scene_path import follow, path_for
+from sim.effects.press_with_effects import follow, path_for
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import boundary_faces
 from sim.mesh.tet_mesh import TetMesh, mesh_key, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import PressResult, measure, press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Drive, Preset, Scene, Target
 

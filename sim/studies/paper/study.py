@@ -15,7 +15,7 @@ from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.runs import BALL, PUNCH, press_in, slide_mode, twist_mode
 from sim.studies.paper.claims import RULES, Claim, Verdict, checks, claims, verdict
-from sim.studies.paper.kept import ENVIRONMENTS, Report, Speeds, read_kept, read_speeds
+from sim.studies.paper.kept_results import ENVIRONMENTS, Report, Speeds, read_kept, read_speeds
 from sim.studies.paper.presses import (
     ACCURATE,
     AS_CONFIGURED,
@@ -31,8 +31,8 @@ from sim.studies.paper.presses import (
     rest_stress_pa,
     scenes,
 )
-from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, SKY, new_figure
-from tacauchy_rig.core.page import page
+from tacauchy_rig.core.markdown_page import page
+from tacauchy_rig.core.plot_style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, SKY, new_figure
 from tacauchy_rig.core.study import About, Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
 from tacauchy_rig.core.versions import machine, versions

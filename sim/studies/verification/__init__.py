@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from sim.studies import from_file, measured_at
-from tacauchy_rig.core.page import prose, table_prose
+from tacauchy_rig.core.markdown_page import prose, table_prose
 from tacauchy_rig.core.study import About, Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Cell, Table, read_table, table_of_rows
 

@@ -9,7 +9,7 @@ import numpy as np
 from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
 from sim.fields import stress
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Preset, Scene
 from sim.solve.loading_path import LoadingPath

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import coarse_press, path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import coarse_press, path_for
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Preset

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import follow, path_for
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.node_kernel import indenter_height
+from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.objects import chisel
 from sim.scene.scene import Preset, Target

@@ -9,12 +9,12 @@ import matplotlib.tri
 import numpy as np
 
 from sim.contact.contact_surface import Grip
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model, regularised_indenter
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import quadratic_triangle_values
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.loading_path import LoadingPath

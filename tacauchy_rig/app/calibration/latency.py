@@ -12,10 +12,10 @@ from scipy.signal import lfilter
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.settings import RigConfig, SyncMode
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import FZ, Phase
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
 GRID_S = 1e-3

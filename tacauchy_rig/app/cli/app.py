@@ -14,9 +14,9 @@ from typer.core import TyperCommand, TyperGroup
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import compilation_told, complain, documented, say
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
-from tacauchy_rig.core.long_task import told
-from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.atomic_write import write_error
 from tacauchy_rig.core.threads import take_one_thread
+from tacauchy_rig.core.time_limits import told
 
 
 def lazy_group(
@@ -75,13 +75,13 @@ def _of(module: str, *names: str) -> dict[str, str]:
 
 
 COMMANDS = {
-    **_of("session", "run", "dry-run", "resume"),
+    **_of("run_and_resume", "run", "dry-run", "resume"),
     **_of("doctor", "doctor", "check-press"),
-    **_of("folders", "replay", "report", "recover", "export", "serve"),
+    **_of("run_folders", "replay", "report", "recover", "export", "serve"),
     **_of("press", "press", "plan"),
     **_of("sweep", "sweep"),
-    "import": "tacauchy_rig.app.cli.others:import_",
-    **_of("others", "judge"),
+    "import": "tacauchy_rig.app.cli.import_and_judge:import_",
+    **_of("import_and_judge", "judge"),
 }
 """Place of each command; a new command needs an entry here and in ``PANELS``."""
 

@@ -22,18 +22,18 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import RenderedPress
-    from sim.optics.calibrate.scale_fit import ScaleFit
+    from sim.optics.calibrate.pixel_scale import ScaleFit
     from sim.sensor.sensor import Sensor
     from tacauchy_rig.app.calibration.material.fit import GelFit, Interval
     from tacauchy_rig.app.calibration.material.presses import IndenterPresses
-    from tacauchy_rig.app.calibration.optics.run import OpticsResult
+    from tacauchy_rig.app.calibration.optics.from_folder import OpticsResult
 
 
 def latency(
@@ -54,7 +54,7 @@ def latency(
         force: Force to press to before the sway.
     """
     from tacauchy_rig.app.calibration.latency import find_latency
-    from tacauchy_rig.app.cli.session import recorded
+    from tacauchy_rig.app.cli.run_and_resume import recorded
 
     swaying = (f'protocol.force_targets=["{force}"]', f'protocol.sway="{sway}"')
     store = recorded(path, [*(overrides or ()), *swaying, 'run.name="latency"'])
@@ -141,11 +141,11 @@ def scale(
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
-    from reports.evidence.attempt import crop_and_resize
+    from reports.evidence.read_attempt import crop_and_resize
     from sim.optics.calibrate.ball_press import read_rgb
-    from sim.optics.calibrate.scale_fit import find_target, fit_scale, parse_target
-    from tacauchy_rig.app.replay.reading import scored_geometry
-    from tacauchy_rig.core.rgb import to_grey
+    from sim.optics.calibrate.pixel_scale import find_target, fit_scale, parse_target
+    from tacauchy_rig.app.replay.open_run import scored_geometry
+    from tacauchy_rig.core.image_codec import to_grey
 
     seen = read_rgb(image)
     if sensor is not None:
@@ -163,7 +163,7 @@ def _from_presses(
     import numpy as np
 
     from sim.optics.calibrate.ball_press import read_ball_presses
-    from sim.optics.calibrate.scale_fit import fit_scale, read_positions
+    from sim.optics.calibrate.pixel_scale import fit_scale, read_positions
 
     places = read_positions(folder / "positions.csv")
     known = [p for p in read_ball_presses(folder, folder / "circles.csv") if p.name in places]
@@ -272,7 +272,7 @@ def material(
         respond,
     )
     from tacauchy_rig.app.calibration.material.presses import read_presses
-    from tacauchy_rig.app.calibration.material.results import relaxation_of
+    from tacauchy_rig.app.calibration.material.sensor_file import relaxation_of
 
     noise_n, contact_n = (
         parse_quantity(text, dimension=Dimension.FORCE, field=field)
@@ -341,7 +341,7 @@ def _write(
     out: Path, best: list[float], young: Interval, poisson: Interval, groups: list[IndenterPresses]
 ) -> None:
     """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
-    from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
+    from tacauchy_rig.app.calibration.material.sensor_file import sensor_text, with_gel
 
     _, nu, mu = best[:3]
     emulated = ", emulated" if any(group.simulated for group in groups) else ""
@@ -407,10 +407,10 @@ def optics(
         folds: Folds of the cross-validation.
         outputs (DIR): Write each press as rendered by a model not fitted to it, for `judge`.
     """
-    from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
-    from tacauchy_rig.app.calibration.optics.run import calibrate_and_check
-    from tacauchy_rig.app.judging.of_run import check_empty
-    from tacauchy_rig.app.replay.reading import open_run
+    from tacauchy_rig.app.calibration.optics.from_folder import calibrate_and_check
+    from tacauchy_rig.app.calibration.optics.from_run import keep_optics, request_of
+    from tacauchy_rig.app.judging.task_and_baseline import check_empty
+    from tacauchy_rig.app.replay.open_run import open_run
 
     run = open_run(folder) if (folder / "run.json").is_file() else None
     request = request_of(
@@ -456,7 +456,7 @@ def _write_outputs(
 ) -> None:
     """Write presses held out as a simulator's outputs."""
     from tacauchy_rig import __version__
-    from tacauchy_rig.app.judging.of_run import write_outputs
+    from tacauchy_rig.app.judging.task_and_baseline import write_outputs
     from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator
     from tacauchy_rig.core.versions import machine
 
@@ -518,7 +518,7 @@ def _show_optics(result: OpticsResult) -> None:
 
 
 def _scale(text: str) -> tuple[float, float]:
-    from sim.scene.terms import parse_pair
+    from sim.scene.scene_parsing import parse_pair
 
     x, y = parse_pair(text, Dimension.IMAGE_SCALE, "--scale")
     y = y if "," in text else x

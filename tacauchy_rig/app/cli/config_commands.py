@@ -7,7 +7,7 @@ from rich.table import Table
 
 from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, console, say, write_json
 from tacauchy_rig.core import tables
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.store.atomic_write import writing
 
 
 def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFile = None) -> None:
@@ -46,13 +46,8 @@ def example(out: Path | None = None, *, json_file: JsonFile = None) -> None:
     if out is None:
         say(example_text())
     else:
-        try:
-            with out.open("x", encoding="utf-8") as file:
-                file.write(example_text())
-        except OSError as error:
-            raise ConfigError(
-                f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
-            ) from error
+        with writing(out), out.open("x", encoding="utf-8") as file:
+            file.write(example_text())
         say(f"wrote {out}; fill in the values of your devices, then: tacauchy-rig doctor {out}")
     write_json(json_file, {"file": out, "text": example_text()})
 
@@ -63,8 +58,8 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     Example: tacauchy-rig config ceilings
     """
     from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI
-    from tacauchy_rig.core.config.fields import ceilings
-    from tacauchy_rig.core.page import page
+    from tacauchy_rig.core.config.unit_fields import ceilings
+    from tacauchy_rig.core.markdown_page import page
 
     table = tables.table_of(
         ceilings(),

@@ -32,8 +32,8 @@ def doctor(
     from tacauchy_rig.core.config.load import load_config
 
     config = load_config(path, overrides=overrides or ()).config
-    from drivers.checks import device_checks
-    from tacauchy_rig.app.doctor.host import host_checks
+    from drivers.device_checks import device_checks
+    from tacauchy_rig.app.host_checks import host_checks
     from tacauchy_rig.app.replay.inputs import check_gel, check_replay
     from tacauchy_rig.core.check_result import checked
 
@@ -81,9 +81,9 @@ def check_press(
         before (RUN): An earlier run of this sensor and tool.
         path (CONFIG|RUN): A rig.toml to press with, or a later run; the dry run's if absent.
     """
-    from tacauchy_rig.app.cli.session import recorded
-    from tacauchy_rig.app.gel_health.comparison import Advice, compare_runs, nearest_force_n
-    from tacauchy_rig.app.replay.reading import open_run
+    from tacauchy_rig.app.cli.run_and_resume import recorded
+    from tacauchy_rig.app.gel_health import Advice, compare_runs, nearest_force_n
+    from tacauchy_rig.app.replay.open_run import open_run
 
     known = open_run(before)
     target_n = nearest_force_n(known, USUAL_N)

@@ -45,7 +45,7 @@ def start(
     """
     from drivers.emulators.launch import Emulation
     from sim.sensor.sensor import load_sensor
-    from tacauchy_rig.app.cli.emulation import emulated_unit
+    from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.core.config.load import load_config
 
     config = load_config(path, overrides=overrides or ()).config
@@ -124,8 +124,8 @@ def presses(
     )
     from drivers.emulators.plant.truth import draw_truth
     from sim.sensor.sensor import load_sensor
-    from tacauchy_rig.app.cli.emulation import emulated_unit
-    from tacauchy_rig.core.long_task import doing
+    from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
+    from tacauchy_rig.core.time_limits import doing
 
     known = load_sensor(sensor)
     writable_folder(out)

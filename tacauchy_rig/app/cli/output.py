@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from tacauchy_rig.core.store.durable import writing
+from tacauchy_rig.core.store.atomic_write import writing
 from tacauchy_rig.core.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ def write_json(path: Path | None, content: Any) -> None:
     """Write what a command found to ``--json FILE``; nothing when no file was asked for."""
     if path is None:
         return
-    from tacauchy_rig.core.store.codec import to_plain
+    from tacauchy_rig.core.store.json_codec import to_plain
 
     text = json.dumps(to_plain(content), indent=2, allow_nan=False)
     write_text(path, text + "\n")

@@ -94,9 +94,9 @@ def press(
     """
     from sim.device import warp_device
     from sim.press import press as simulate_press
-    from sim.press_command import scene_of
-    from tacauchy_rig.core.long_task import doing
-    from tacauchy_rig.core.long_task import time_limit as limited_to
+    from sim.press_arguments import scene_of
+    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limits import time_limit as limited_to
 
     limit_s = _seconds(time_limit)
     # What is written is asked for.
@@ -133,10 +133,10 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
+    from sim.accuracy import alternatives, costs_of, guaranteed, setting_of
+    from sim.effects.effect_choice import plan_effects
     from sim.effects.mesh_choice import mesh_choice
-    from sim.effects.plan import plan_effects
-    from sim.error import alternatives, costs_of, guaranteed, setting_of
-    from sim.press_command import scene_of
+    from sim.press_arguments import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
     planned = plan_effects(scene)

@@ -18,11 +18,11 @@ from drivers.emulators.process import hang_weight
 from drivers.force_sensor.weighing import Load
 from protocols.trials.time_left import TimeLeft
 from protocols.trials.trial import PlannedTrial
+from tacauchy_rig.app.cli.live_viewing import open_in_browser
 from tacauchy_rig.app.cli.output import console, say
-from tacauchy_rig.app.cli.watching import open_in_browser
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError
-from tacauchy_rig.core.force_check import Weight
+from tacauchy_rig.core.known_weight import Weight
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
 
 

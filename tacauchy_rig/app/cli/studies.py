@@ -16,18 +16,7 @@ import typer
 
 from sim.scene.scene import Preset, SceneTerms
 from sim.studies.bench import Part
-from tacauchy_rig.app.cli.output import (
-    Jobs,
-    JsonFile,
-    Steps,
-    complain,
-    documented,
-    say,
-    show_table,
-    writable_folder,
-    write_json,
-    write_text,
-)
+from tacauchy_rig.app.cli import output
 from tacauchy_rig.core.errors import AbortedError, ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.study import About, Case, Result, Study, kept_results, measured, selected
@@ -49,7 +38,7 @@ def study_command(make: Callable[..., Study]) -> Callable[..., None]:
         make: Makes the study of its own options; its docstring is the command's help.
     """
     own = inspect.signature(make, eval_str=True).parameters
-    shared = inspect.signature(documented(_run)).parameters
+    shared = inspect.signature(output.documented(_run)).parameters
 
     def command(context: typer.Context, **given: Any) -> None:
         study = make(**{name: given.pop(name) for name in own})
@@ -84,11 +73,11 @@ def _run(
     *,
     only: list[str] | None = None,
     list_only: Annotated[bool, typer.Option("--list")] = False,
-    jobs: Jobs = 1,
+    jobs: output.Jobs = 1,
     limit: str = "",
     resume: list[Path] | None = None,
     out: Path | None = None,
-    json_file: JsonFile = None,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Measure the selected cases, show tables, and write page, figures and JSON.
 
@@ -123,7 +112,7 @@ def _run(
         chosen = tuple(case for case in chosen if list_only or not case.on_request)
     if list_only:
         for case in chosen:
-            say(f"{case.name:22} {case.shows}".rstrip())
+            output.say(f"{case.name:22} {case.shows}".rstrip())
         return
     kept = kept_results(resume or [], chosen)
     if only:
@@ -145,24 +134,26 @@ class _Runner:
     def run(self, jobs: int, limit_s: float | None) -> None:
         study, is_cut = self.study, False
         if self.out is not None:
-            writable_folder(self.out.parent if self._page == self.out else self.out)
+            output.writable_folder(self.out.parent if self._page == self.out else self.out)
         wanted = [case for case in self.cases if case.name not in self.results]
         found = measured(wanted, jobs=jobs, limit_s=limit_s)
         self._write()
         try:
-            with Steps() as step:
+            with output.Steps() as step:
                 for number, result in enumerate(found, start=1):
                     self.results[result.name] = result
                     step(f"{result.name}: {study.line(result)}", number, len(wanted))
                     self._write()
         except KeyboardInterrupt:
             is_cut = True
-            complain(f"interrupted: {len(self._done)} of {len(self.cases)} cases are done and kept")
+            output.complain(
+                f"interrupted: {len(self._done)} of {len(self.cases)} cases are done and kept"
+            )
         done = self._done
         for table in study.tables(done) if done else ():
-            show_table(table)
+            output.show_table(table)
         for file in self._written(figures=bool(done)):
-            say(str(file))
+            output.say(str(file))
         if is_cut:
             raise AbortedError("aborted by Ctrl-C")
         raise typer.Exit(0 if study.has_passed(done) else 1)
@@ -185,7 +176,7 @@ class _Runner:
             return
         about = About(self.command, commit(), len(self.cases) - len(done))
         if page is not None:
-            write_text(page, self.study.page(done, about, images))
+            output.write_text(page, self.study.page(done, about, images))
         facts = {
             **self.study.facts(done),
             "results": done if self.study.is_resumable else [],
@@ -194,7 +185,7 @@ class _Runner:
             "versions": versions(),
         }
         for file in filter(None, (self.json_file, self._own_json)):
-            write_json(file, facts)
+            output.write_json(file, facts)
 
     @property
     def _own_json(self) -> Path | None:
@@ -216,7 +207,7 @@ class _Runner:
     def _drawn(self, page: Path) -> list[Path]:
         from matplotlib import rc_context
 
-        from tacauchy_rig.core.figure_style import FRAMED_STYLE, STYLE, save_figure
+        from tacauchy_rig.core.plot_style import FRAMED_STYLE, STYLE, save_figure
 
         with ExitStack() as spare, rc_context(FRAMED_STYLE if self.study.is_framed else STYLE):
             folder = page.parent
@@ -259,7 +250,7 @@ def accuracy(
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
     import numpy as np
 
-    from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
+    from reports.scores.image_metrics import structural_similarity_index, zero_mean_correlation
     from sim.optics.render.renderer import GREY_LEVEL
 
     inside = maps.contact
@@ -350,12 +341,12 @@ def paper(
         report (RUN): Keep this run's scores among the benchmarks, in place of those kept before;
             may be repeated.
     """
-    from sim.studies.paper.kept import REPORTS_FILE, of_run
+    from sim.studies.paper.kept_results import REPORTS_FILE, of_run
     from sim.studies.paper.study import Paper
 
     if report:
         kept = json.dumps([of_run(run) for run in report], indent=1)
-        write_text(benchmarks / REPORTS_FILE, f"{kept}\n")
+        output.write_text(benchmarks / REPORTS_FILE, f"{kept}\n")
     return Paper(benchmarks)
 
 

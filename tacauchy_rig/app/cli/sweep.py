@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.output import (
-    Jobs,
-    JsonFile,
-    Steps,
-    say,
-    writable_folder,
-    write_json,
-    write_text,
-)
-from tacauchy_rig.app.sweep.names import EngineName
+from tacauchy_rig.app.cli import output
+from tacauchy_rig.app.sweep.engine_names import EngineName
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -32,14 +24,14 @@ def sweep(
     *,
     out: Path | None = None,
     engine: EngineName = EngineName.LOCAL,
-    jobs: Jobs = 1,
+    jobs: output.Jobs = 1,
     address: str | None = None,
     limit: Annotated[int | None, typer.Option(min=1)] = None,
     sample: Annotated[int | None, typer.Option(min=1)] = None,
     dry_run: bool = False,
     slurm: Annotated[int | None, typer.Option(min=1)] = None,
     example: bool = False,
-    json_file: JsonFile = None,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Simulate the presses of a plan into a data set; only missing presses are computed.
 
@@ -65,9 +57,9 @@ def sweep(
             remedy="`tacauchy-rig sweep --example > plan.toml` writes a plan",
         )
     from tacauchy_rig.app.sweep.plan import read_plan, rows_of
-    from tacauchy_rig.app.sweep.run import estimate
-    from tacauchy_rig.app.sweep.run import sweep as run
-    from tacauchy_rig.core.long_task import doing
+    from tacauchy_rig.app.sweep.run_sweep import estimate
+    from tacauchy_rig.app.sweep.run_sweep import sweep as run
+    from tacauchy_rig.core.time_limits import doing
 
     plan = read_plan(plan_file)
     with doing("checking the plan"):
@@ -76,27 +68,29 @@ def sweep(
         rows = rows[:: max(1, len(rows) // sample)][:sample]
         out = out and out / "sample"
     expected = estimate(plan, rows)
-    say(
+    output.say(
         f"{len(rows)} presses: about {expected.processor_s / 60.0:.1f} min of one core without "
         f"others, {expected.size_bytes / 1e6:.1f} MB"
     )
     if dry_run or out is None:
         return
-    writable_folder(out)
+    output.writable_folder(out)
     if slurm is not None:
         _write_script(plan_file, out, slurm, limit)
         return
-    with Steps() as steps:
+    with output.Steps() as steps:
         swept = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
     if swept.presses:
         spent = ", ".join(f"{part} {seconds:.1f} s" for part, seconds in swept.took_s.items())
         first, most = (value / 1e9 for value in (swept.peaks_bytes[0], max(swept.peaks_bytes)))
-        say(
+        output.say(
             f"{engine}: {swept.presses} presses in {swept.elapsed_s:.1f} s; processes spent {spent}"
             f"; each used at most {most:.2f} GB, {first:.2f} GB for the first shard"
         )
-    write_json(json_file, {"folder": str(out), "engine": engine, **asdict(swept)})
-    say(f"wrote {out / 'summary.html'}" if swept.is_whole else f"{out}: other tasks have the rest")
+    output.write_json(json_file, {"folder": str(out), "engine": engine, **asdict(swept)})
+    output.say(
+        f"wrote {out / 'summary.html'}" if swept.is_whole else f"{out}: other tasks have the rest"
+    )
 
 
 def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engine:
@@ -135,5 +129,5 @@ def _write_script(plan_file: Path, out: Path, tasks: int, limit: int | None) -> 
     script = out / "sweep.sbatch"
     command, unfinished = command_line(*words), InterruptedSweepError.exit_code
     facts = {"out": out, "script": script, "tasks": tasks, "command": command}
-    write_text(script, Template(text).render(**facts, unfinished=unfinished) + "\n")
-    say(f"wrote {script}")
+    output.write_text(script, Template(text).render(**facts, unfinished=unfinished) + "\n")
+    output.say(f"wrote {script}")

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from tacauchy_rig.app.importing.importer import MESH, PATH_FIELDS, RIG_FIELDS, RIG_TABLES, SPEC_NAME
-from tacauchy_rig.app.importing.presses import Samples, Window
-from tacauchy_rig.app.importing.table import as_toml
+from tacauchy_rig.app.importing.press_detection import Samples, Window
+from tacauchy_rig.app.importing.text_tables import as_toml
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import RecordError, command_line
-from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.registry import Kind, unknown
-from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import ImageFrame, TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME
-from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limits import doing
 from tacauchy_rig.core.versions import library
 
 _NUMBERS = (

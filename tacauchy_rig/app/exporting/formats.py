@@ -9,9 +9,9 @@ from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 
-from tacauchy_rig.app.sweep.names import INDEX
+from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.store.durable import free_bytes, write_error
+from tacauchy_rig.core.store.atomic_write import free_bytes, write_error
 
 
 class Format(StrEnum):
@@ -36,12 +36,12 @@ OF_EPISODES = (Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET, F
 OF_CALIBRATIONS = (Format.ISAACLAB, Format.TAXIM, Format.TACEX)
 
 WRITERS: Mapping[Format, tuple[str, str]] = {
-    Format.CSV: ("table", "write_csv"),
-    Format.LEROBOT: ("learning", "write_lerobot"),
-    Format.HDF5: ("learning", "write_hdf5"),
-    Format.ROSBAG2: ("bag", "write_bag"),
-    Format.WEBDATASET: ("learning", "write_webdataset"),
-    Format.ZARR: ("learning", "write_zarr"),
+    Format.CSV: ("csv_files", "write_csv"),
+    Format.LEROBOT: ("lerobot_hdf5_zarr", "write_lerobot"),
+    Format.HDF5: ("lerobot_hdf5_zarr", "write_hdf5"),
+    Format.ROSBAG2: ("ros_bag", "write_bag"),
+    Format.WEBDATASET: ("lerobot_hdf5_zarr", "write_webdataset"),
+    Format.ZARR: ("lerobot_hdf5_zarr", "write_zarr"),
     Format.VTU: ("vtu", "write_vtu"),
     Format.USD: ("usd", "write_usd"),
     Format.ISAACLAB: ("taxim", "write_isaaclab"),
@@ -93,7 +93,7 @@ def export(
         elif form not in OF_EPISODES:
             write(source, folder)
         elif is_data_set:
-            from tacauchy_rig.app.exporting.data_set import presses_of  # noqa: PLC0415 - sweeps only
+            from tacauchy_rig.app.exporting.sweep_presses import presses_of  # noqa: PLC0415 - sweeps only
 
             write(presses_of(source), folder, None)
         else:

@@ -18,7 +18,7 @@ from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.sweep.plan import Design, Plan, Press, Simulation, rows_of
 from tacauchy_rig.app.sweep.shards import compute_shard
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 _DIAMETERS_MM, _SHARES = (4, 6, 8, 12), np.linspace(0.05, 0.25, 6)
 _TOLERANCE, _POINTS = 0.05, 400

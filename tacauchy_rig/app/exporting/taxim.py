@@ -18,7 +18,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.rgb import encode_jpeg
+from tacauchy_rig.core.image_codec import encode_jpeg
 
 TAXIM_BINS, ISAAC_BINS = 125, 120
 _COLUMNS, _ROWS = 9, 7

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import boundary_faces
-from sim.mesh.refinement import sensor_mesh
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode import needed

@@ -1,7 +1,6 @@
 """From a source and its ``import.toml`` to a run folder, as the store writes its own."""
 
 import shutil
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -13,16 +12,24 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from sim.scene.indenter import Indenter
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.images import Converter, Images
-from tacauchy_rig.app.importing.plausible import check_presses
-from tacauchy_rig.app.importing.presses import Press, Recorded
-from tacauchy_rig.app.importing.source import MIB, Problems, Source
-from tacauchy_rig.app.importing.table import as_toml, read_section
-from tacauchy_rig.core.config.fields import Section
-from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
+from tacauchy_rig.app.importing.plausibility import check_presses
+from tacauchy_rig.app.importing.press_detection import Press, Recorded
+from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
+from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
+from tacauchy_rig.core.config.load import (
+    LoadedConfig,
+    leaves,
+    nest,
+    parse_override,
+    parse_toml,
+    read_section,
+    restore_config,
+)
 from tacauchy_rig.core.config.settings import IMPORTED, RigConfig
+from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.run import (
@@ -40,7 +47,7 @@ from tacauchy_rig.core.run import (
     TrialRecord,
     vector6,
 )
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions
 
@@ -253,11 +260,11 @@ class SourceKind(StrEnum):
 
 
 READERS: Mapping[SourceKind, tuple[str, str, str]] = {
-    SourceKind.CSV: ("rows", "CsvData", "read_csv_folder"),
-    SourceKind.BAG: ("bag", "BagData", "read_bag"),
+    SourceKind.CSV: ("table_rows", "CsvData", "read_csv_folder"),
+    SourceKind.BAG: ("ros_bag", "BagData", "read_bag"),
     SourceKind.TAXIM: ("taxim", "TaximData", "read_taxim"),
-    SourceKind.VIDEO: ("video", "VideoData", "read_video"),
-    SourceKind.RECORDS: ("rows", "RecordsData", "read_records"),
+    SourceKind.VIDEO: ("video_and_clock_offset", "VideoData", "read_video"),
+    SourceKind.RECORDS: ("table_rows", "RecordsData", "read_records"),
     SourceKind.LEROBOT: ("lerobot", "LeRobotData", "read_lerobot"),
 }
 """Of each format its module, its ``[data]``, and what reads it: others are not even loaded."""
@@ -377,14 +384,9 @@ def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
     else:
         name = SPEC_NAME if path.is_dir() else path.name
         text = source.read(name, field="import", most_bytes=MIB)
-        try:
-            values = dict(leaves(tomllib.loads(text.decode("utf-8"))))
-        except (ValueError, RecursionError) as error:
-            raise ConfigError(
-                f"{name}: not valid TOML: {error}",
-                remedy="docs/reference/file-formats.md lists the keys of import.toml",
-            ) from error
-    return read_section(Spec, {"data": {}, "rig": {}, **nest({**values, **overridden})})
+        values = dict(leaves(parse_toml(text, origin=name, remedy=FORMATS)))
+    tables = {"data": {}, "rig": {}, **nest({**values, **overridden})}
+    return read_section(Spec, tables, remedy=FORMATS)
 
 
 def _within(
@@ -419,7 +421,7 @@ def _read(source: Source, spec: Spec) -> Recorded:
     module = import_module(f"tacauchy_rig.app.importing.{name}")
     recorded: Recorded = Recorded(presses=(), has_clock=False)
     with source.problems.noting():
-        data = read_section(getattr(module, kind), spec.data, where="data.")
+        data = read_section(getattr(module, kind), spec.data, where="data.", remedy=FORMATS)
         recorded = getattr(module, reader)(source, data)
     if not recorded.presses:
         source.problems.refuse()

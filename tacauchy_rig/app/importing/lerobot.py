@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.presses import (
+from tacauchy_rig.app.importing.press_detection import (
     Frame,
     Press,
     PressFinding,
@@ -27,12 +27,12 @@ from tacauchy_rig.app.importing.presses import (
     find_presses,
     needed,
 )
-from tacauchy_rig.app.importing.source import IMAGE_BYTES, LARGE_BYTES, MIB, Source
-from tacauchy_rig.app.importing.table import unit_factor
-from tacauchy_rig.app.importing.video import png_frames
+from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.text_tables import unit_factor
+from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-from tacauchy_rig.core.config.fields import Section
-from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.core.config.unit_fields import Section
+from tacauchy_rig.core.errors import ConfigError, RecordError, naming
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.versions import library
 
@@ -237,7 +237,7 @@ def _presses(
         placed = metres * _components(_numbers(table, name, data.pose.feature), data.pose, 3)
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
         pose = _finite(source, stamp_ns, padded, placed.sum(axis=1), where + data.pose.feature)
-    try:
+    with naming(f"episode {index}"):
         found = find_presses(force, data.presses)
         rows = np.flatnonzero(needed(stamp_ns, found))
         wanted = dict(zip(rows.tolist(), stamp_ns[rows].tolist(), strict=True))
@@ -250,8 +250,6 @@ def _presses(
             frames = _video_frames(source, image, episode, stamps)
         source.notes += [f"Episode {index}: {note}" for note in drift_note(found)]
         presses = cut(found, force, frames, pose)
-    except RigError as error:
-        raise type(error)(f"episode {index}: {error.message}", remedy=error.remedy) from error
     return [replace(press, name=f"episode {index}, {press.name}") for press in presses]
 
 

@@ -11,8 +11,8 @@ from functools import partial
 
 import numpy as np
 
-from tacauchy_rig.app.importing.presses import ORDER_NS, Frame, Press, Recorded
-from tacauchy_rig.app.importing.source import (
+from tacauchy_rig.app.importing.press_detection import ORDER_NS, Frame, Press, Recorded
+from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
     IMAGE_PIXELS,
     Source,
@@ -21,9 +21,9 @@ from tacauchy_rig.app.importing.source import (
     read_npz,
 )
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
-from tacauchy_rig.core.config.fields import Section
+from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 
 _WANTED = ("f0", "imgs", "touch_center", "touch_radius")
 _UNKNOWN = (

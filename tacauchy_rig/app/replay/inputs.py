@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeVar
 
-from sim.effects.plan import PRESET_TOLERANCE
-from sim.error import Tolerance, keeping, parse_tolerance, setting_of
-from sim.optics.colour.nominal import nominal_model
+from sim.accuracy import Tolerance, keeping, parse_tolerance, setting_of
+from sim.effects.effect_choice import PRESET_TOLERANCE
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Output, Preset, Scene, Target
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.optics import calibrated_optics
 from tacauchy_rig.core.config.settings import IndenterKind, RigConfig

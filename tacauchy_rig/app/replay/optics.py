@@ -8,17 +8,17 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from sim.optics.calibrate.ball_press import Circle, read_ball_presses, read_rgb
+from sim.optics.calibrate.circle_and_light import pressed_scene
 from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
-from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
-from sim.optics.calibrate.press_scene import pressed_scene
-from sim.optics.calibrate.scale_fit import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.pixel_scale import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.shadow_blur_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
 from sim.optics.colour.colour_model import ColourModel
-from sim.optics.colour.nominal import exponents_for, nominal_model
+from sim.optics.colour.nominal_optics import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.render.renderer import GREY_LEVEL
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import ShadowCaster
+from sim.sensor.lamps_and_optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError

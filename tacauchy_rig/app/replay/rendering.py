@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
-from reports.evidence.attempt import AttemptReading
+from reports.evidence.read_attempt import AttemptReading
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.carried_markers import MarkerPrinter, seen_motion
-from sim.optics.markers.printed_markers import PrintedMarkers, find_markers, follow_markers
+from sim.optics.markers.marker_tracking import PrintedMarkers, find_markers, follow_markers
+from sim.optics.markers.simulated_markers import MarkerPrinter, seen_motion
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor

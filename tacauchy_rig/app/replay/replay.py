@@ -9,20 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.evidence import TrialImages
-from reports.figures.trials import spread
-from reports.scores.residual_split import Cause, Mode, split_residual
-from sim.effects.effect_plan import full_plan
-from sim.effects.scene_path import path_for
-from sim.error import Tolerance
+from reports.evidence.read_attempt import AttemptReading, RunReading
+from reports.figures.trial_axis import spread
+from reports.scores.residual_causes import Cause, Mode, split_residual
+from sim.accuracy import Tolerance
+from sim.effects.planned_effects import full_plan
+from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import SurfaceState, surface_state
-from sim.optics.markers.printed_markers import find_markers
+from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
 from sim.sensitivity import COARSE, can_tilt
+from tacauchy_rig.app.replay.input_uncertainty import NEARLY_UPRIGHT, force_inputs, rounded_rim
 from tacauchy_rig.app.replay.inputs import ReplayInputs, check_optics
-from tacauchy_rig.app.replay.mounting import find_offset, mounted, offset_of
 from tacauchy_rig.app.replay.optics import (
     Calibrate,
     OpticalCalibration,
@@ -30,7 +30,7 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import (
+from tacauchy_rig.app.replay.press_grouping import (
     Part,
     measured_attempts,
     measured_records,
@@ -38,12 +38,12 @@ from tacauchy_rig.app.replay.parts import (
     some_of_each,
     tools_of,
 )
-from tacauchy_rig.app.replay.places import PROBES_NAME, press_together, replay_parts
 from tacauchy_rig.app.replay.rendering import image_of, rendered
-from tacauchy_rig.app.replay.uncertainty import NEARLY_UPRIGHT, force_inputs, rounded_rim
+from tacauchy_rig.app.replay.replay_parts import PROBES_NAME, press_together, replay_parts
+from tacauchy_rig.app.replay.tilt_and_place import find_offset, mounted, offset_of
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import PoseSource, RigConfig
-from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit

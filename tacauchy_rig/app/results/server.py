@@ -16,8 +16,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from protocols.processes.page.access import AccessRule
-from reports.page.html import report_script
-from tacauchy_rig.app.results.runs import (
+from reports.page.report_html import report_script
+from tacauchy_rig.app.results.run_lists import (
     Health,
     ListedRun,
     Row,
@@ -27,8 +27,8 @@ from tacauchy_rig.app.results.runs import (
     find_runs,
     in_words,
 )
-from tacauchy_rig.app.twin.twin import watch_script
-from tacauchy_rig.core.page import environment_of
+from tacauchy_rig.app.twin.run_follower import watch_script
+from tacauchy_rig.core.markdown_page import environment_of
 from tacauchy_rig.core.store.run_files import MAX_BYTES
 
 MEDIA_TYPES = {

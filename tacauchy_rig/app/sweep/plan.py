@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -17,15 +16,15 @@ from pydantic import BeforeValidator, Field
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.nominal_optics import nominal_model
 from sim.scene.indenter import MeshIndenter
 from sim.scene.pad import BoxPad
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.importing.table import read_section
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.fields import Length, Ratio, Section
+from tacauchy_rig.core.config.load import read_section, read_toml
+from tacauchy_rig.core.config.unit_fields import Length, Ratio, Section
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, unknown
@@ -189,16 +188,8 @@ def read_plan(path: Path) -> Plan:
     Raises:
         ConfigError: No such file, not TOML, or a key is unknown, missing or wrong; one line each.
     """
-    try:
-        tables = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(
-            f"{path}: {getattr(error, 'strerror', None) or error}", remedy=_EXAMPLE
-        ) from error
-    try:
-        return read_section(Plan, tables)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error.message}", remedy=_EXAMPLE) from error
+    tables = read_toml(path, remedy=_EXAMPLE)
+    return read_section(Plan, tables, where=f"{path}: ", remedy=_EXAMPLE)
 
 
 _EXAMPLE = "`tacauchy-rig sweep --example > plan.toml` writes a plan with comments"

@@ -37,8 +37,7 @@ from tacauchy_rig.app.sweep.plan import (
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
-from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.versions import library
 
 # Where a press by force begins, below first touch [m].
@@ -339,25 +338,6 @@ def _photograph(frame: ImageArray, row: Row, seed: str) -> bytes:
         number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")
         levels = levels + row.noise * np.random.default_rng(number).standard_normal(frame.shape)
     return encode_png(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
-
-
-def done_rows(folder: Path) -> dict[str, tuple[str, int]]:
-    """Return of every row that was computed its shard's file and its place there, by hash.
-
-    Raises:
-        RecordError: A shard is damaged.
-    """
-    found: dict[str, tuple[str, int]] = {}
-    for file in sorted((folder / SHARDS).glob("*.parquet")):
-        try:
-            names = parquet().parquet.read_table(file, columns=["hash"])["hash"].to_pylist()
-        except (OSError, KeyError, ValueError) as error:
-            raise RecordError(
-                f"{file}: is no shard of a sweep: {error}",
-                remedy="delete this file; the sweep computes it again",
-            ) from error
-        found |= {name: (file.name, place) for place, name in enumerate(names)}
-    return found
 
 
 def checksums(folder: Path, files: Sequence[Path]) -> dict[str, str]:

@@ -12,9 +12,9 @@ import foxglove
 from foxglove.channels import CompressedImageChannel, PoseInFrameChannel
 from foxglove.messages import CompressedImage, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
-from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.messages import Channel, Job, Order, Shown, feed_readers
-from protocols.processes.viewing import LOOPBACK, PRODUCERS
+from protocols.processes.child_process import ignore_signals, run_child
+from protocols.processes.ipc import Channel, Job, Order, Shown, feed_readers
+from protocols.processes.viewer_processes import LOOPBACK, PRODUCERS
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.viewers.options import PORT, SOURCES, address
 from tacauchy_rig.core.rotations import quaternion

@@ -1,4 +1,4 @@
-"""Read ``rig.toml`` over the defaults, check it, and say what is wrong in the file's own words."""
+"""Read ``rig.toml`` over the defaults, and other settings files; say what is wrong with one."""
 
 import difflib
 import hashlib
@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, broken_rules, required_but_missing
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
+from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import UNITS, Dimension, example, split_quantity
 from tacauchy_rig.core.registry import Kind, load, unknown
@@ -32,12 +33,12 @@ _LIMITS = {
 }
 _KINDS = {
     "int": "is not a whole number",
-    "literal": "is neither 1 nor -1",
     "float": "is not a number",
     "bool": "is neither true nor false",
     "string": "is not text; write it in quotes",
     "tuple": 'is not a list; write ["...", "..."]',
     "model": "is not a table",
+    "dict": "is not a table",
     "finite": "is not a finite number",
 }
 _CAMERA_NUMBERS = {("camera", name) for name in ("exposure", "gain", "white_balance")}
@@ -50,9 +51,31 @@ _ARMS = {
 }
 
 
-def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
+Place = tuple[int | str, ...]
+S = TypeVar("S", bound=Section)
+
+
+def read_section(kind: type[S], tables: Any, *, remedy: str, where: str = "") -> S:
+    """Return nested tables as what they are to be.
+
+    Args:
+        where: What names in messages begin with: the file, or a table's name and a dot.
+
+    Raises:
+        ConfigError: One line for each field that is wrong.
+    """
+    try:
+        return kind.model_validate(tables)
+    except ValidationError as error:
+        lines = [f"{where}{line}" for line in explain(error, tables, kind)]
+        raise ConfigError("\n".join(lines), remedy=remedy) from error
+
+
+def explain(
+    error: ValidationError, tables: Mapping[str, Any], model: type[BaseModel]
+) -> Iterator[str]:
     """Yield one line for each wrong field, shortened where it is long beyond reading."""
-    lines = list(dict.fromkeys(_line(problem, tables) for problem in error.errors()))
+    lines = list(dict.fromkeys(_line(problem, tables, model) for problem in error.errors()))
     for line in lines[:_LINES_MOST]:
         half = _LINE_MOST // 2
         yield line if len(line) <= _LINE_MOST else f"{line[:half]} ... {line[-half:]}"
@@ -60,42 +83,43 @@ def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
         yield f"... and {len(lines) - _LINES_MOST} more"
 
 
-def _line(problem: Any, tables: Mapping[str, Any]) -> str:
-    location, kind = problem["loc"], problem["type"]
-    name = _name(location)
+def _line(problem: Any, tables: Mapping[str, Any], model: type[BaseModel]) -> str:
+    location, kind, context = problem["loc"], problem["type"], problem.get("ctx", {})
+    name, field = _name(location), _field(model, location)
     written = _written(tables, location, problem["input"])
     value = json.dumps(written, ensure_ascii=False, default=str)
     if kind in _LIMITS:
         key = _LIMITS[kind][0]
-        return f"{name}: {value} {_limit(key, problem['ctx'][key], location, written)}"
+        return f"{name}: {value} {_limit(key, context[key], field, written)}"
     if kind == "ceiling":
-        return _above_ceiling(problem["ctx"], location, written)
+        return _above_ceiling(context, name, field, written)
     if kind == "extra_forbidden":
-        known = _fields(location)
+        known = _table(model, location).model_fields
         close = difflib.get_close_matches(str(location[-1]), known, n=1)
         meant = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
         return f"{name}: unknown key; {meant}"
     if kind == "missing":
-        return _missing(location, tables)
+        return _missing(location, field, tables)
     if kind == "value_error":
         # An arm may be called by its model, such as UR5e.
-        called, advice = re.sub("[^a-z0-9]", "", str(written).lower()), ""
+        called, told = re.sub("[^a-z0-9]", "", str(written).lower()), str(context["error"])
         if location == ("robot", "driver") and called in _ARMS:
-            advice = f'; write driver = "ur5" and model = "{_ARMS[called]}"'
-        return f"{name}: {problem['ctx']['error']}{advice}"
-    if kind == "enum":
-        choices = problem["ctx"]["expected"].replace("'", '"').replace(" or ", ", ")
+            told += f'; write driver = "ur5" and model = "{_ARMS[called]}"'
+        shown = "" if value in told or isinstance(written, dict) else f"{value}: "
+        return f"{name}: {shown}{told}"
+    if kind in ("enum", "literal_error"):
+        choices = context["expected"].replace("'", '"').replace(" or ", ", ")
         return f"{name}: {value} is none of {choices}"
     if kind in ("too_long", "too_short"):
-        context = problem["ctx"]
-        if (needed := _fixed_length(location)) is not None:
+        if (needed := _fixed_length(field)) is not None:
             return f"{name}: {_count(needed, written)}"
         allowed = context.get("max_length", context.get("min_length"))
         word = "at most" if kind == "too_long" else "at least"
         return f"{name}: holds {context['actual_length']} values; write {word} {allowed}"
-    if kind == "string_pattern_mismatch":
+    if kind == "string_pattern_mismatch" and model is RigConfig:
         return f'{name}: {value} may hold only letters, digits, "_", "." and "-"'
-    what = _KINDS.get(kind.split("_")[0], problem["msg"])
+    is_kind = not kind.startswith(("string_pattern", "string_too"))
+    what = _KINDS.get(kind.split("_")[0] if is_kind else "", problem["msg"])
     if location == ("replay", "tolerance"):
         what = 'has no unit; give "0.02N" or "1%"'
     if tuple(location) in _CAMERA_NUMBERS:
@@ -103,24 +127,23 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     return f"{name}: {value} {what}"
 
 
-def _name(location: tuple[int | str, ...]) -> str:
+def _name(location: Place) -> str:
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
-    return "".join(parts).removeprefix(".") or "rig.toml"
+    return "".join(parts).removeprefix(".") or "the file"
 
 
-def _above_ceiling(context: Any, location: tuple[int | str, ...], written: Any) -> str:
-    name = _name(location)
+def _above_ceiling(context: Any, name: str, field: FieldInfo | None, written: Any) -> str:
     if isinstance(written, list):
         name, written = f"{name}[{context['index']}]", written[context["index"]]
     key = "le" if "le" in context else "ge"
-    limit = _limit(key, context[key], location, written)
+    limit = _limit(key, context[key], field, written)
     value = json.dumps(written, ensure_ascii=False, default=str)
     return f"{name}: {value} {limit} ({context['because']})"
 
 
-def _limit(key: str, limit: float, location: tuple[int | str, ...], written: Any) -> str:
+def _limit(key: str, limit: float, field: FieldInfo | None, written: Any) -> str:
     relation, advice = next((r, a) for k, r, a in _LIMITS.values() if k == key)
-    dimension = _dimension(location)
+    dimension = _dimension(field)
     parts = split_quantity(written) if isinstance(written, str) else None
     if dimension is None or parts is None:
         return f"{relation} {limit:g}; {advice} {limit:g}"
@@ -129,18 +152,17 @@ def _limit(key: str, limit: float, location: tuple[int | str, ...], written: Any
     return f'{relation} {text}; {advice} "{text}"'
 
 
-def _missing(location: tuple[int | str, ...], tables: Mapping[str, Any]) -> str:
+def _missing(location: Place, field: FieldInfo | None, tables: Mapping[str, Any]) -> str:
     if isinstance(location[-1], int):
-        needed = _fixed_length(location[:-1]) or location[-1] + 1
+        needed = _fixed_length(field) or location[-1] + 1
         return f"{_name(location[:-1])}: {_count(needed, _written(tables, location[:-1], []))}"
-    dimension = _dimension(location)
+    dimension = _dimension(field)
     advice = f'; write for example {location[-1]} = "{example(dimension)}"' if dimension else ""
     return f"{_name(location)}: missing{advice}"
 
 
-def _fixed_length(location: tuple[int | str, ...]) -> int | None:
+def _fixed_length(field: FieldInfo | None) -> int | None:
     """Return how many values a list must have; None where that is free."""
-    field = _field(location)
     if field is None or get_origin(field.annotation) is not tuple:
         return None
     kinds = get_args(field.annotation)
@@ -152,20 +174,24 @@ def _count(needed: int, written: Any) -> str:
     return f"needs {needed} values{axes}; {len(written)} given"
 
 
-def _fields(location: tuple[int | str, ...]) -> dict[str, FieldInfo]:
-    """Return the fields of the table that a value lies in."""
-    if len(location) == 1:
-        return RigConfig.model_fields
-    section: Any = RigConfig.model_fields[str(location[0])].annotation
-    return dict(section.model_fields)
+def _table(model: type[BaseModel], location: Place) -> type[BaseModel]:
+    """Return the table that a value lies in."""
+    for part in location[:-1]:
+        field = model.model_fields.get(str(part))
+        kinds = () if field is None else (field.annotation, *get_args(field.annotation))
+        inner = (k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel))
+        model = next(inner, model)
+    return model
 
 
-def _field(location: tuple[int | str, ...]) -> FieldInfo | None:
-    return _fields(location).get(str(location[1])) if len(location) > 1 else None
+def _field(model: type[BaseModel], location: Place) -> FieldInfo | None:
+    """Return the field that a value is of, or is an entry of."""
+    while location and isinstance(location[-1], int):
+        location = location[:-1]
+    return _table(model, location).model_fields.get(str(location[-1])) if location else None
 
 
-def _dimension(location: tuple[int | str, ...]) -> Dimension | None:
-    field = _field(location)
+def _dimension(field: FieldInfo | None) -> Dimension | None:
     marks = [] if field is None else [*field.metadata, *_metadata(field.annotation)]
     return next((mark for mark in marks if isinstance(mark, Dimension)), None)
 
@@ -176,7 +202,7 @@ def _metadata(annotation: Any) -> Iterator[Any]:
         yield from _metadata(argument)
 
 
-def _written(tables: Mapping[str, Any], location: tuple[int | str, ...], value: Any) -> Any:
+def _written(tables: Mapping[str, Any], location: Place, value: Any) -> Any:
     found: Any = tables
     for part in location:
         try:
@@ -237,7 +263,7 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
     written: dict[str, Any] = {}
     sources: dict[str, str] = {}
     built_in = (BUILT_IN, tomllib.loads(default_text()))
-    given = [] if path is None else [(str(path), _read_toml(path))]
+    given = [] if path is None else [(str(path), read_toml(path, remedy=_EXAMPLE))]
     given += [("--set", parse_override(text)) for text in overrides]
     for source, tables in (built_in, *_of_sensor([built_in, *given]), *given):
         values = dict(leaves(tables))
@@ -297,7 +323,7 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
     try:
         config = RigConfig.model_validate(tables, context=context)
     except ValidationError as error:
-        raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
+        raise ConfigError("\n".join(explain(error, tables, RigConfig)), remedy=_SHOW) from error
     if defaulted is None:
         return config
     missing = list(required_but_missing(config, defaulted))
@@ -310,22 +336,25 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
     return config
 
 
-_EXAMPLE = "`tacauchy-rig config example` shows each as it is written"
+_EXAMPLE = "`tacauchy-rig config example` shows each field as it is written"
 _SHOW = "`tacauchy-rig config show` lists every field, its value and where it came from"
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path, *, remedy: str) -> dict[str, Any]:
+    """Read a settings file. ConfigError: It cannot be read, or is no TOML."""
     try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(
-            f"{path}: no such configuration file",
-            remedy="`tacauchy-rig config example > rig.toml` writes a commented one",
-        ) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}", remedy=remedy) from error
+    return parse_toml(data, origin=str(path), remedy=remedy)
+
+
+def parse_toml(data: bytes, *, origin: str, remedy: str) -> dict[str, Any]:
+    """Return the tables of a settings file's bytes; ConfigError: They are no TOML."""
+    try:
+        return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # a whole number of 5000 digits, lists in lists
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+        raise ConfigError(f"{origin}: not valid TOML: {error}", remedy=remedy) from error
 
 
 def parse_override(text: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from tacauchy_rig.core.config.fields import (
+from tacauchy_rig.core.config.unit_fields import (
     Acceleration,
     Angle,
     Force,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import free_bytes
+from tacauchy_rig.core.store.atomic_write import free_bytes
 from tacauchy_rig.core.store.run_files import read_error
 
 FORCE_MESSAGE_BYTES = 280

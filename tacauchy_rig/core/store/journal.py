@@ -21,8 +21,7 @@ from typing import Any, Generic, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.codec import dumps, loads, read_json, read_value, to_json
-from tacauchy_rig.core.store.durable import (
+from tacauchy_rig.core.store.atomic_write import (
     bytes_sha256,
     give_second_name,
     set_aside,
@@ -30,6 +29,7 @@ from tacauchy_rig.core.store.durable import (
     write_atomically,
     writing,
 )
+from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, read_value, to_json
 from tacauchy_rig.core.store.run_files import read_bytes
 
 logger = logging.getLogger(__name__)

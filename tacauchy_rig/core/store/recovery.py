@@ -12,19 +12,19 @@ from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
-from tacauchy_rig.core.store.check.run import RunCheck, check_run
-from tacauchy_rig.core.store.codec import read_json
-from tacauchy_rig.core.store.durable import (
+from tacauchy_rig.core.store.atomic_write import (
     free_name,
     give_second_name,
     set_aside,
     sync_folder,
     writing,
 )
+from tacauchy_rig.core.store.check.run_check import RunCheck, check_run
 from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
-from tacauchy_rig.core.store.recording.messages import RawMessage
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.json_codec import read_json
+from tacauchy_rig.core.store.recording.mcap_messages import RawMessage
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import (
     RESULT_NAME,
     SPILL_PATTERN,

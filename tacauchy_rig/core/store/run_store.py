@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from tacauchy_rig.core.config.load import LoadedConfig, restore_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line, naming
-from tacauchy_rig.core.force_check import ForceCheck
-from tacauchy_rig.core.rgb import decode_rgb, encode_png
+from tacauchy_rig.core.image_codec import decode_rgb, encode_png
+from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import (
     CalibratedOptics,
     ExpectedPress,
@@ -30,10 +30,10 @@ from tacauchy_rig.core.run import (
     TrialRecord,
 )
 from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.store.codec import dumps, loads, read_json, to_json
-from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, writing
+from tacauchy_rig.core.store.atomic_write import bytes_sha256, write_atomically, writing
 from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log_hashes, previous_of
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, to_json
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import RunPaths, file_sha256, read_bytes, run_folder
 
 _MAX_UNPACKED_BYTES = 1 << 30

@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.arm.ur5 import Ur5
+from drivers.arm.ur5_connection import Commander
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
-from drivers.arm.ur5_link import Commander
-from drivers.arm.ur5_wire import (
+from drivers.arm.ur5_protocol import (
     INPUT_TYPES,
     OUTPUT_TYPES,
     RTDE_PORT,
@@ -37,7 +37,7 @@ _STALE_S = 0.05
 
 _HANG_HOLDING_THE_LOCK = """
 import ctypes, threading
-from drivers.arm.ur5_link import Guardian
+from drivers.arm.ur5_connection import Guardian
 
 with Guardian("robot 10.0.0.9: connecting", timeout_s=30.0):
     pass

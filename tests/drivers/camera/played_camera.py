@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 
 from drivers.camera.uvc import UvcCamera
-from drivers.checks import device_checks
+from drivers.device_checks import device_checks
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.optics.colour.colour_model import PixelColours
 from sim.optics.pixels.pixel_blocks import PixelBlocks
-from sim.sensor.optics import Lamp, Renderer
+from sim.sensor.lamps_and_optics import Lamp, Renderer
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from protocols.guard.arm_following import LEAST_TRAVEL_M, FollowGuard
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.workspace import LEAST_TRAVEL_M, FollowGuard, Workspace
+from protocols.guard.workspace import Workspace
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.protocols.conftest import arm_state, breach

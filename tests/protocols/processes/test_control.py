@@ -4,11 +4,11 @@ from contextlib import closing
 
 import pytest
 
-from protocols.control.record import Begin
+from protocols.control.entries_and_rates import Begin
 from protocols.processes.control import PERIOD_NS, Broadcast
-from protocols.processes.messages import FeedWriters
+from protocols.processes.ipc import FeedWriters
 from protocols.steps.tare import take_tare
-from tests.protocols.processes.test_messages import Line
+from tests.protocols.processes.test_ipc import Line
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from protocols.control.record import Begin, End
-from protocols.processes.messages import Channel
+from protocols.control.entries_and_rates import Begin, End
+from protocols.processes.ipc import Channel
 from protocols.processes.recorder import Producer, Recorder, RecordKeeper, encoded
 from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 
 RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0)
 

@@ -15,9 +15,9 @@ from protocols.guard.abort import Abort
 from protocols.processes.supervisor import plan_session, run_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.check.run_check import check_run
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
 from tests.drivers.conftest import changed
 
@@ -229,7 +229,7 @@ from pathlib import Path
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import run_session
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.codec import dumps
+from tacauchy_rig.core.store.json_codec import dumps
 from tacauchy_rig.core.store.run_store import RunStore
 
 def tell(event):

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from reports.comparison.compare import compare
 from reports.comparison.criteria import (
     MODULUS,
     MODULUS_TRIALS,
@@ -14,9 +13,10 @@ from reports.comparison.criteria import (
     judge_model,
     judge_modulus,
 )
-from reports.comparison.results import ValidationReport, headline_of
+from reports.comparison.result_types import ValidationReport, headline_of
+from reports.comparison.run_comparison import compare
 from reports.evidence.evidence import RunEvidence
-from reports.scores.floors import ForceMargin
+from reports.scores.wrong_forces import ForceMargin
 from tacauchy_rig.core.run import Criterion
 from tests.made_model import made_model
 

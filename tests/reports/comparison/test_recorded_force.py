@@ -7,16 +7,16 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from reports.comparison.compare import compare
-from reports.comparison.results import ValidationReport
-from reports.evidence.attempt import RunReading
+from reports.comparison.result_types import ValidationReport
+from reports.comparison.run_comparison import compare
 from reports.evidence.evidence import ImageGeometry
-from reports.evidence.loading import load_evidence
-from reports.page.writing import write_report
+from reports.evidence.load_evidence import load_evidence
+from reports.evidence.read_attempt import RunReading
+from reports.page.report_files import write_report
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.recording.messages import ForceMessage, RawMessage, Topic
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_messages import ForceMessage, RawMessage, Topic
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
 TARE_N, FORCE_N = 0.8, 1.2556

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from reports.comparison.compare import compare, recover_truth
-from reports.comparison.results import ValidationReport
+from reports.comparison.result_types import ValidationReport
+from reports.comparison.run_comparison import compare, recover_truth
 from reports.evidence.evidence import EmulatedWorld, RunEvidence
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.simulated import FoundValue

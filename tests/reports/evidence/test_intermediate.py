@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from reports.evidence.attempt import AttemptReading, intermediate_states
 from reports.evidence.evidence import ImageGeometry
-from tacauchy_rig.app.judging.of_run import surface_values
+from reports.evidence.read_attempt import AttemptReading, intermediate_states
+from tacauchy_rig.app.judging.task_and_baseline import surface_values
 from tacauchy_rig.core.run import ForceSample, ImageFrame
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
 FORCES_N = np.array([0.3, 0.6, 1.25])

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reports.comparison.results import ValidationReport
-from reports.comparison.sentences import limits_of
+from reports.comparison.result_types import ValidationReport
+from reports.comparison.verdict_sentences import limits_of
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.fits import fit_modulus, fit_tilt
+from reports.evidence.modulus_and_tilt_fit import fit_modulus, fit_tilt
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, TrialRecord

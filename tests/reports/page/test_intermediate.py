@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.comparison.results import ValidationReport
+from reports.comparison.result_types import ValidationReport
 from reports.evidence.evidence import IntermediateFrame, IntermediateState, TrialEvidence
-from reports.page import writing
-from reports.page.html import MOST_PRESSES
-from reports.page.writing import ReportPaths
+from reports.page import report_files
+from reports.page.report_files import ReportPaths
+from reports.page.report_html import MOST_PRESSES
 
 STATES, HEIGHT, WIDTH = 8, 120, 160
 MANY = MOST_PRESSES + 2
@@ -73,8 +73,8 @@ def write_beside(written: ReportPaths, report: ValidationReport, folder: Path) -
         return figures
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(writing, "draw_figures", copied)
-        return writing.write_report(report, folder)
+        patched.setattr(report_files, "draw_figures", copied)
+        return report_files.write_report(report, folder)
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from sim.batch.sensor_model import sensor_model
 from sim.contact.contact_surface import ContactOptions
 from sim.device import Device, on_host, replaced
 from sim.fields.stress import StressProjection, surface_stress
-from sim.material.elasticity import GelArrays
-from sim.material.laws.tangent import law
+from sim.material.elasticity_kernels import GelArrays
+from sim.material.laws.law_and_tangent import law
+from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder, quarter_hats
-from sim.mesh.refinement import sensor_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Sphere, mesh_indenter, tilted
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad

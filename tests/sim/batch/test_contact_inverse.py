@@ -7,9 +7,9 @@ import pytest
 import warp as wp
 
 from sim.batch.contact_inverse import ContactInverse
+from sim.batch.dense_inverse_kernels import pack
 from sim.batch.rest_inverse import DenseRest, inverted
 from sim.batch.sensor_model import sensor_model
-from sim.batch.sweep_kernels import pack
 from sim.contact.indenter_distance import Body, Poses, body_of, nearby_gap, posed, poses_at
 from sim.device import Device
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, Sphere, tilted

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.batch.measured_bias import press_alone
+from sim.batch.force_bias import press_alone
 from sim.batch.sensor_model import bias_of, pressure_form, sensor_model
-from sim.coupling.gel_contact import UNMOVED, GelContact
+from sim.coupling.rigid_body_contact import UNMOVED, GelContact
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Target
 from sim.sensor.sensor import load_sensor
@@ -48,6 +48,6 @@ def test_a_measured_bias_is_kept_and_leaves_a_coupled_press_within_a_hundredth_o
         contact.press()
         wrenches.append(contact.wrench.numpy()[0, 2])
         assert contact.force_error.numpy()[0] < 0.06
-        monkeypatch.delattr("sim.batch.measured_bias.press_alone", raising=False)
+        monkeypatch.delattr("sim.batch.force_bias.press_alone", raising=False)
     assert wrenches[0] == pytest.approx(force_n, rel=0.01)
     assert wrenches[1] == wrenches[0]

@@ -10,11 +10,11 @@ import pytest
 from sim.contact.contact_surface import ContactForces, ContactOptions, State
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh import MirrorSymmetry
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
 from sim.solve.model import Model
-from sim.studies.hard_cases.pads import HEIGHT_M, YOUNG_PA, brick_mesh, pad_model
+from sim.studies.hard_cases.small_pads import HEIGHT_M, YOUNG_PA, brick_mesh, pad_model
 from tacauchy_rig.core.arrays import FloatArray
 from tests.sim.material.small_disc import disc_model
 

@@ -11,7 +11,7 @@ from sim.device import Device
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.solve.model import Model
-from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
 from tacauchy_rig.core.arrays import FloatArray
 
 MU, SLIP_M, BARRIER_M = 0.6, 1e-6, 2e-6

@@ -25,7 +25,7 @@ from sim.scene.indenter import (
 from sim.scene.objects import chisel
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
-from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
 from tacauchy_rig.core.arrays import FloatArray
 
 PUNCH = Cylinder(diameter_m=4e-3)

@@ -3,7 +3,7 @@
 import pytest
 
 from sim.effects.presets import build_model
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint

@@ -3,11 +3,11 @@
 import numpy as np
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.model import Model

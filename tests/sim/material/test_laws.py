@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sim.material.laws.law_and_tangent import Law, law, tangent_block
 from sim.material.laws.paper_eq4 import free_stretch
-from sim.material.laws.tangent import Law, law, tangent_block
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh import MirrorSymmetry
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName
 from sim.solve.equilibrium import SolverOptions

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
-from sim.mesh.discretisation import Discretisation, discretise
+from sim.mesh.clamping_and_sparsity import Discretisation, discretise
 from sim.mesh.elements import (
     ElementOrder,
     boundary_faces,
@@ -17,11 +17,10 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
+from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import (
-    MirrorSymmetry,
     TetMesh,
-    WholeSurface,
     cache_folder,
     oriented,
     read_mesh,

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from sim.optics.calibrate.scale_fit import ArucoTarget, CharucoTarget
+from sim.optics.calibrate.pixel_scale import ArucoTarget, CharucoTarget
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import ImageArray
 

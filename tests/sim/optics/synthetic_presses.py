@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
-from sim.optics.calibrate.press_scene import PressScene
+from sim.optics.calibrate.circle_and_light import PressScene
 from sim.optics.colour.photometric import PhotometricModel, polynomial_exponents
 from tests.sim.optics.analytic_surface import ExponentialSkirt, camera
 

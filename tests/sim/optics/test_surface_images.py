@@ -17,8 +17,7 @@ from sim.device import Device
 from sim.effects.presets import build_model
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
-from sim.optics.markers.carried_markers import surface_displacement
-from sim.optics.markers.printed_markers import marker_places
+from sim.optics.markers.simulated_markers import marker_places, surface_displacement
 from sim.optics.render.renderer import nominal_renderer
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import (

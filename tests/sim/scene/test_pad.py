@@ -136,11 +136,11 @@ def test_sensor_names_a_surface(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("pad", "message"),
     [
-        ('surface = "gel.stl"\nsource = "drawn"', "no unit"),
-        ('surface = "gel.stl"\nunit = "mm"', "no source"),
-        ('surface = "gel.stl"\nunit = "mile"\nsource = "drawn"', "'mile' is no unit"),
+        ('surface = "gel.stl"\nsource = "drawn"', "pad.unit: missing"),
+        ('surface = "gel.stl"\nunit = "mm"', "pad.source: missing"),
+        ('surface = "gel.stl"\nunit = "mile"\nsource = "drawn"', 'pad.unit: "mile" is none of'),
         ('surface = "no.stl"\nunit = "mm"\nsource = "drawn"', "cannot be read"),
-        ('surface = "gel.stl"\nunit = "mm"\nsource = "drawn"\nheight = 3', "unknown pad.height"),
+        ('surface = "gel.stl"\nunit = "mm"\nsource = "drawn"\nheight = 3', "height: unknown key"),
     ],
 )
 def test_wrong_surface_sections_are_refused(tmp_path: Path, pad: str, message: str) -> None:

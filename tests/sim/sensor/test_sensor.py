@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import parse_optics
+from sim.sensor.lamps_and_optics import parse_optics
 from sim.sensor.sensor import load_sensor, parse_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, names
@@ -46,9 +46,8 @@ def test_sensor_file_of_ones_own(tmp_path: Path) -> None:
     path.write_text(TEXT.replace('name = "gelsight-mini"', 'name = "mine"'), "utf-8")
     assert load_sensor(str(path)).name == "mine"
     path.write_bytes(b"name = '\xff'")
-    with pytest.raises(ConfigError, match=r"mine\.toml cannot be read") as caught:
+    with pytest.raises(ConfigError, match=r"mine\.toml: not valid TOML: 'utf-8'"):
         load_sensor(str(path))
-    assert "UTF-8" in caught.value.remedy
 
 
 @pytest.mark.parametrize(
@@ -57,9 +56,9 @@ def test_sensor_file_of_ones_own(tmp_path: Path) -> None:
 def test_a_section_that_is_no_table_is_refused(line: str) -> None:
     """The message names the file and the key."""
     key, _ = line.split(" = ", 1)
-    with pytest.raises(ConfigError, match=f"mine.toml: {key} is no table") as caught:
+    with pytest.raises(ConfigError, match=rf"mine\.toml: {key}.* is not a (table|list)") as caught:
         parse_sensor(f'name = "x"\ntitle = "y"\n{line}\n', origin="mine.toml")
-    assert key in str(caught.value.remedy)
+    assert "sensor-file.md" in caught.value.remedy
 
 
 def test_unknown_sensor_lists_the_known() -> None:
@@ -117,24 +116,27 @@ def test_a_gel_relaxes_as_its_file_says() -> None:
     assert sensor.relaxing(()) == parse_sensor(LAYERED, origin="mine.toml")
 
 
+GEL = TEXT[TEXT.index("[material]") : TEXT.index("[camera]")]
+
+
 @pytest.mark.parametrize(
     ("text", "old", "new", "message"),
     [
-        (TEXT, "[pad]", "[pads]", "unknown pads"),
-        (TEXT, "poisson =", "poison =", "unknown material.poison"),
+        (TEXT, "[pad]", "[pads]", "pads: unknown key; did you mean pad"),
+        (TEXT, "poisson =", "poison =", "material.poison: unknown key; did you mean poisson"),
         (TEXT, '"4.00 mm"', '"4.00 N"', "pad.height.value"),
         (TEXT, "columns = 9", "columns = 0", "markers.columns"),
-        (TEXT, 'title = "GelSight Mini"', "", "no title"),
-        (TEXT, 'young = { value = "0.435 MPa", ', "young = { ", "material.young needs"),
-        (TEXT, "[camera]", "[camera", "not TOML"),
+        (TEXT, 'title = "GelSight Mini"', "", "title: missing"),
+        (TEXT, 'young = { value = "0.435 MPa", ', "young = { ", "young.value: missing; write for"),
+        (TEXT, "[camera]", "[camera", "not valid TOML"),
         (TEXT, "columns = 9", "columns = true", "markers.columns"),
         (LAYERED, 'value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
-        (LAYERED, "share =", "thickness =", "layers.1 has thickness"),
-        (LAYERED, "[[layers]]", "[[layer]]", "unknown layer"),
-        (LAYERED, "[camera]", "[material]\n[camera]", "both material and layers"),
-        (LAYERED, '{ value = "0.1 MPa"', '{ value = "0.1 mm"', "layers.1.young.value"),
-        (RELAXING, 'time = "0.3 s"', 'time = "0.3 mm"', "relaxation.1.time"),
-        (RELAXING, 'time = "3 s"', 'times = "3 s"', "relaxation.2 needs a share, a time"),
+        (LAYERED, "share =", "thickness =", r"layers\[0\].share: missing"),
+        (LAYERED, "[[layers]]", "[[layer]]", "layer: unknown key; did you mean layers"),
+        (LAYERED, "[camera]", f"{GEL}[camera]", "both material and layers"),
+        (LAYERED, '{ value = "0.1 MPa"', '{ value = "0.1 mm"', r"layers\[0\].young.value"),
+        (RELAXING, 'time = "0.3 s"', 'time = "0.3 mm"', r"relaxation\[0\].time"),
+        (RELAXING, 'time = "3 s"', 'times = "3 s"', r"relaxation\[1\].time: missing"),
         (RELAXING, 'share = "3 %"', 'share = "-3 %"', "relaxation.1: .* term of share -0.03"),
         (RELAXING, 'share = "3 %"', 'share = "97 %"', "shares sum to 1.01"),
     ],

@@ -9,19 +9,19 @@ import warp as wp
 
 from sim.contact.contact_surface import State
 from sim.device import on_host
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import LIGHT, build_model, light_resolution
-from sim.effects.scene_path import path_for
+from sim.effects.press_with_effects import path_for
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
-from sim.solve.descent_rules import note_residual, stagnates
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, SolverOptions
+from sim.solve.line_search_and_convergence import note_residual, stagnates
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
+from sim.studies.hard_cases.small_pads import pad_model, quarter_brick_mesh
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 

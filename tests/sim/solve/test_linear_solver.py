@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.mesh.discretisation import SparsePattern, sparse_pattern
+from sim.mesh.clamping_and_sparsity import SparsePattern, sparse_pattern
 from sim.solve import linear_solver as solvers
 from sim.solve.linear_solver import (
     LinearSolver,

@@ -8,20 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.effects.effect_plan import full_plan
-from sim.effects.scene_path import path_for
-from sim.material.laws.tangent import law
+from sim.effects.planned_effects import full_plan
+from sim.effects.press_with_effects import path_for
+from sim.material.laws.law_and_tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Sphere, tilted
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
+from sim.solve.force_search import find_force
 from sim.solve.load_steps import CarryPhase, ForcePhase, Phase
-from sim.solve.loading_path import LoadingPath, find_force
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.starts import base_depth_m, faces_gel
+from sim.solve.overlap_and_inversion import base_depth_m, faces_gel
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
 from tests.sim.test_press import small_model
 

@@ -9,18 +9,18 @@ from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.laws.tangent import law
+from sim.material.laws.law_and_tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath, unloaded_positions
 from sim.solve.model import Model
-from sim.solve.nodal_energies import (
+from sim.solve.weight_and_inertia import (
     INERTIA,
     STANDARD_M_S2,
     WEIGHT,

@@ -17,6 +17,7 @@ import psutil
 import typer
 
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json
+from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 from tests.studies.acceptance.folder import SENSOR, Written, write_folder
 
@@ -92,6 +93,8 @@ def workflow(folder: Path, runs: Path) -> tuple[list[Called], Path]:
     for guessed, known in KNOWN:
         guess.write_text(guess.read_text("utf-8").replace(guessed, known), "utf-8")
     found.append(called("import", str(folder), "--out", str(runs)))
+    if found[-1].status:
+        raise RigError(f"import ended with status {found[-1].status}: {found[-1].lines[-1]}")
     run = next(runs.iterdir())
     found.append(called("calibrate", "optics", str(run)))
     found.append(called("replay", str(run), "--optics", str(run / "optics" / "calibration.npz")))

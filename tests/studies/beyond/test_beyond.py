@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from tacauchy_rig.core.study import Result
 from tests.studies.beyond.command import Answer, Beyond, BeyondStudy, Kind, drawn, judged
 

@@ -10,8 +10,8 @@ import numpy as np
 import typer
 
 from reports.evidence.evidence import TrialEvidence
-from reports.evidence.loading import stated_of_run
-from reports.scores.force_agreement import ForceAgreement, compare_force, scatter_between
+from reports.evidence.load_evidence import stated_of_run
+from reports.scores.force_uncertainty import ForceAgreement, compare_force, scatter_between
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from sim.sensitivity import forces_at
@@ -24,8 +24,8 @@ from tacauchy_rig.app.cli.output import (
     show_table,
     write_json,
 )
+from tacauchy_rig.app.replay.input_uncertainty import force_inputs, variations
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.uncertainty import force_inputs, variations
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.force_depth import ForceDepthCurve

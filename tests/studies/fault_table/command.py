@@ -16,7 +16,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, write_json, write_text
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.page import page
+from tacauchy_rig.core.markdown_page import page
 from tests.studies.fault_table.cases import (
     LATER_MOMENTS,
     TARGET_N,
@@ -154,7 +154,7 @@ def fault_table(
 
 def _observe(case: FaultCase, *, work: Path, again: bool, jobs: int) -> bool:
     """Make sure that a case is done; return False where its moment was never reached."""
-    from tacauchy_rig.core.store.codec import dumps
+    from tacauchy_rig.core.store.json_codec import dumps
     from tests.studies.fault_table.observe import observe_case
 
     if not again and _load(case, work) is not None:
@@ -185,7 +185,7 @@ def _headline(seen: Observation) -> str:
 
 
 def _load(case: FaultCase, work: Path) -> Observation | None:
-    from tacauchy_rig.core.store.codec import from_json, loads
+    from tacauchy_rig.core.store.json_codec import from_json, loads
 
     path = work / case.slug / OBSERVATION
     if not path.exists():

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.emulators.faults import SILENT_FORCE_FAULTS, FaultKind
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.gel_response import Plant
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.run import JournalEvent, Pose, Vector3
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import RunPaths
 from tests.drivers.arm_notes import TraceRow
 from tests.studies.fault_table.cases import TARGET_N

@@ -3,7 +3,7 @@
 import pytest
 
 from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths
 from tests.studies.fault_table.observation import acknowledged_messages, kept_messages
 

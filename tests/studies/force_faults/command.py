@@ -62,7 +62,7 @@ def force_faults(
 
     Example: python -m tests.studies force-faults --seed 70001 --jobs 2
     """
-    from tacauchy_rig.core.page import criteria_page
+    from tacauchy_rig.core.markdown_page import criteria_page
 
     worlds = [(HONEST, honest_world(seed + k)) for k in range(honest)]
     for number, place in enumerate(Place, start=1):

@@ -7,8 +7,13 @@ import numpy as np
 
 from drivers.force_sensor.weighing import Load, weigh_connected
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.force_check import ForceCheck, judge_weight, parse_weight
-from tacauchy_rig.core.force_history import FORCE_HISTORY, FORCE_LIMITS, ForceHistory, judge_forces
+from tacauchy_rig.core.force_sensor_gain import (
+    FORCE_HISTORY,
+    FORCE_LIMITS,
+    ForceHistory,
+    judge_forces,
+)
+from tacauchy_rig.core.known_weight import ForceCheck, judge_weight, parse_weight
 from tacauchy_rig.core.run import JournalEvent, Outcome, Phase, Pose, TrialRecord, Vector6, vector6
 from tests.mock.bench import SimulatedClock
 from tests.mock.streams import MockForceSensor

@@ -15,7 +15,7 @@ from scipy.stats.qmc import LatinHypercube
 from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from sim.scene.indenter import Cylinder, Sphere
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from tacauchy_rig.app.calibration.material.fit import (
     MU,
     NORMAL,

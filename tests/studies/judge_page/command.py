@@ -9,7 +9,7 @@ import typer
 
 from tacauchy_rig.app.cli.output import say, write_text
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
@@ -28,7 +28,7 @@ def judge_page(
 
     Example: judge-page judged-mini judged-dry
     """
-    from tacauchy_rig.core.page import page
+    from tacauchy_rig.core.markdown_page import page
 
     runs = []
     for folder in folders:
@@ -63,7 +63,7 @@ def _json(path: Path) -> Any:
 def _write_picture(source: Path, path: Path) -> None:
     import cv2
 
-    from tacauchy_rig.core.rgb import decode_rgb, encode_png
+    from tacauchy_rig.core.image_codec import decode_rgb, encode_png
 
     image = decode_rgb(read_bytes(source, what="the picture of a judgement"))
     if image is None:

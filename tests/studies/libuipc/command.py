@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import typer
 
-from sim.studies.bench.press import press_scene
 from sim.studies.bench.scenes import (
     FRAME_COUNT,
     Manner,
@@ -26,9 +25,10 @@ from sim.studies.bench.scenes import (
     scene_tables,
 )
 from sim.studies.bench.study import REFERENCE_FILE, SCENE_LIMIT_S
+from sim.studies.bench.timed_press import press_scene
 from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, write_json, write_text
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.page import criteria_page, table_prose
+from tacauchy_rig.core.markdown_page import criteria_page, table_prose
 from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.tables import Cell, Table, table_of
 from tacauchy_rig.core.versions import commit, machine, versions

@@ -13,9 +13,9 @@ import numpy as np
 import warp as wp
 
 from sim.device import Device, on_host
-from sim.effects.plan import plan_effects
+from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
-from sim.effects.scene_path import path_for
+from sim.effects.press_with_effects import path_for
 from sim.material.elastic_body import element_constants
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, cylinder_triangles, tilted
 from sim.scene.material import LawName
@@ -24,8 +24,8 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.press import goals_of, moves, pressing_frames, spread
 from sim.studies.bench.scenes import ScenePress
+from sim.studies.bench.timed_press import goals_of, moves, pressing_frames, spread
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -13,8 +13,8 @@ from sim.scene.indenter import Plane
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Target
 from sim.solve.loading_path import LoadingPath
-from sim.studies.bench.press import stated_scene, within
 from sim.studies.bench.scenes import FRAME_COUNT, all_scenes
+from sim.studies.bench.timed_press import stated_scene, within
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc.command import press_in_peer
 from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.studies.bench.press import stated_scene, within
 from sim.studies.bench.scenes import Manner, ScenePress
+from sim.studies.bench.timed_press import stated_scene, within
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad

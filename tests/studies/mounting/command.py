@@ -11,17 +11,17 @@ import typer
 from scipy.optimize import brentq
 
 from drivers.emulators.force_sensor.box import ForceChannel
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
-from reports.comparison.compare import compare
+from reports.comparison.run_comparison import compare
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.emulation import emulated_unit
+from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.mounting import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.app.replay.optics import Say
+from tacauchy_rig.app.replay.tilt_and_place import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord
 from tacauchy_rig.core.tables import Table, table_of
@@ -240,9 +240,9 @@ def mounting_check(
 
     Example: python -m tests.studies mounting runs/20261123-dry-run
     """
-    from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.reading import open_run
-    from tacauchy_rig.core.page import page
+    from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
+    from tacauchy_rig.app.replay.open_run import open_run
+    from tacauchy_rig.core.markdown_page import page
     from tests.studies.verdict.bench import bench_of
 
     run = open_run(folder)

@@ -21,16 +21,16 @@ from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation
 from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort, AbortWatch
-from protocols.processes.messages import PageOptions, ViewerOptions
+from protocols.processes.ipc import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.cli.emulation import emulated_unit
+from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.twin.twin import Follows, twin_options
+from tacauchy_rig.app.twin.run_follower import Follows, twin_options
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import FZ, JournalEvent, Phase
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tests.recorded_run import empty_run
@@ -405,7 +405,7 @@ def page_check(
 
     Example: python -m tests.studies page --stops 50 --pairs 20
     """
-    from tacauchy_rig.core.page import criteria_page
+    from tacauchy_rig.core.markdown_page import criteria_page
 
     work.mkdir(parents=True, exist_ok=True)
     say(f"{trials} trials with a page")

@@ -15,8 +15,8 @@ from pathlib import Path
 from random import Random
 
 from tacauchy_rig.core.store.journal import Journal
-from tacauchy_rig.core.store.recording.reading import Recording, scan_file
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_reader import Recording, scan_file
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths, open_file
 
 VOLATILE_S = 3.0

@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.attempt import RunReading
-from reports.scores.residual_split import UNMENDABLE, Cause
+from reports.evidence.read_attempt import RunReading
+from reports.scores.residual_causes import UNMENDABLE, Cause
 from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
@@ -19,7 +19,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
-from tacauchy_rig.app.replay.parts import measured_attempts
+from tacauchy_rig.app.replay.press_grouping import measured_attempts
 from tacauchy_rig.app.replay.replay import SplitPart, split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
@@ -214,9 +214,9 @@ def residual_check(
 
     Example: python -m tests.studies residual runs/20261123-dry-run
     """
-    from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.reading import open_run
-    from tacauchy_rig.core.page import page
+    from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
+    from tacauchy_rig.app.replay.open_run import open_run
+    from tacauchy_rig.core.markdown_page import page
     from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.core.rgb import decode_rgb, encode_png
-from tacauchy_rig.core.store.recording.messages import (
+from tacauchy_rig.core.image_codec import decode_rgb, encode_png
+from tacauchy_rig.core.store.recording.mcap_messages import (
     ArmMessage,
     ForceMessage,
     ImageMessage,

@@ -9,15 +9,15 @@ from typing import Annotated
 
 import typer
 
-from reports.comparison.compare import compare
+from reports.comparison.run_comparison import compare
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json, write_text
-from tacauchy_rig.app.replay.reading import open_run
-from tacauchy_rig.app.replay.report import evidence_of
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.page import page
+from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.check.run_check import check_run
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table

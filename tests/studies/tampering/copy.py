@@ -14,12 +14,12 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from tacauchy_rig.core.store.codec import dumps
-from tacauchy_rig.core.store.durable import bytes_sha256
+from tacauchy_rig.core.store.atomic_write import bytes_sha256
 from tacauchy_rig.core.store.journal import StoreEvent
-from tacauchy_rig.core.store.recording.messages import RawMessage
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.json_codec import dumps
+from tacauchy_rig.core.store.recording.mcap_messages import RawMessage
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths
 from tacauchy_rig.core.store.run_store import RunStore
 

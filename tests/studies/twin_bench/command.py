@@ -21,8 +21,8 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.app.twin.twin import Follows, twin_options
-from tacauchy_rig.core.page import criteria_page
+from tacauchy_rig.app.twin.run_follower import Follows, twin_options
+from tacauchy_rig.core.markdown_page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of_rows

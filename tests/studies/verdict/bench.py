@@ -3,14 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.loading import load_evidence, stated_curve
+from reports.evidence.load_evidence import load_evidence, stated_curve
+from reports.evidence.read_attempt import RunReading
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
+from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.mounting import mounted
 from tacauchy_rig.app.replay.optics import (
     Calibrate,
     OpticalCalibration,
@@ -18,10 +18,10 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import Part, measured_attempts, measured_records
-from tacauchy_rig.app.replay.places import press_together
+from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
-from tacauchy_rig.app.replay.uncertainty import force_inputs
+from tacauchy_rig.app.replay.replay_parts import press_together
+from tacauchy_rig.app.replay.tilt_and_place import mounted
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay
 

@@ -9,16 +9,16 @@ from typing import Annotated
 
 import typer
 
-from reports.comparison.compare import compare
-from reports.comparison.results import ValidationReport, headline_of
-from reports.evidence.attempt import RunReading
+from reports.comparison.result_types import ValidationReport, headline_of
+from reports.comparison.run_comparison import compare
 from reports.evidence.evidence import RunEvidence
+from reports.evidence.read_attempt import RunReading
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.report import evidence_of
+from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.page import page
+from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Cell, Table, table_of
 from tests.studies.verdict.bench import Bench
@@ -240,8 +240,8 @@ def verdict_check(
     json_file: JsonFile = None,
 ) -> None:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
-    from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.reading import open_run
+    from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
+    from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.wrong_models import WRONG_MODELS

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from reports.comparison.compare import compare
 from reports.comparison.criteria import judge_modulus
+from reports.comparison.run_comparison import compare
 from tests.reports.conftest import run_evidence
 from tests.studies.verdict.command import (
     Finding,

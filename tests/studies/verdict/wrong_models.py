@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
+from reports.evidence.read_attempt import RunReading
 from sim.fields.press_fields import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.height.node_kernel import indenter_height
+from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset

@@ -13,9 +13,8 @@ from threading import Event
 import psutil
 import pytest
 
-from tacauchy_rig.core import long_task
+from tacauchy_rig.core import time_limits
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
-from tacauchy_rig.core.long_task import Remaining, check_time, doing, time_left_s, time_limit, told
 from tacauchy_rig.core.parallel import (
     IsolatedWorker,
     ProcessFailedError,
@@ -23,6 +22,14 @@ from tacauchy_rig.core.parallel import (
     worker_process,
 )
 from tacauchy_rig.core.threads import take_one_thread
+from tacauchy_rig.core.time_limits import (
+    Remaining,
+    check_time,
+    doing,
+    time_left_s,
+    time_limit,
+    told,
+)
 
 
 def _process_of(name: str) -> tuple[str, int]:
@@ -248,9 +255,9 @@ def test_what_takes_long_is_told_and_idle_time_is_not() -> None:
 def test_what_is_left_follows_how_fast_it_went(monkeypatch: pytest.MonkeyPatch) -> None:
     """At first by what others leave of the processors, then by what was seen."""
     now = [0.0]
-    monkeypatch.setattr(long_task.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(long_task.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
-    monkeypatch.setattr(long_task.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(time_limits.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time_limits.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
+    monkeypatch.setattr(time_limits.os, "cpu_count", lambda: 2)
     left = Remaining(200.0, jobs=2)
     assert left.seconds() == pytest.approx(200.0)  # four programs on two processors
     for _ in range(10):

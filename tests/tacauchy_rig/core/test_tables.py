@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.page import criteria_page, filled, table_prose
+from tacauchy_rig.core.markdown_page import criteria_page, filled, table_prose
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, markdown_table, table_of, terminal_table
 

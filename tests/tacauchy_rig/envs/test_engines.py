@@ -10,8 +10,8 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sim.batch.measured_bias import press_alone
-from sim.coupling.gel_contact import UNMOVED, GelContact
+from sim.batch.force_bias import press_alone
+from sim.coupling.rigid_body_contact import UNMOVED, GelContact
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Target

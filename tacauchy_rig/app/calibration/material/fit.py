@@ -19,15 +19,15 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, norm
 
-from reports.evidence.loading import stated_of_run
-from sim.correction import rules_of
+from reports.evidence.load_evidence import stated_of_run
+from sim.mesh_bias_correction import rules_of
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode
-from sim.scene.terms import parse_indenter
+from sim.scene.scene_parsing import parse_indenter
 from sim.sensitivity import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.inputs import ReplayInputs
-from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.attempt import readable
+from reports.evidence.read_attempt import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
-from tacauchy_rig.app.importing.source import Source
-from tacauchy_rig.app.importing.table import Column, read_table
+from tacauchy_rig.app.importing.source_files import Source
+from tacauchy_rig.app.importing.text_tables import Column, read_table
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.app.replay.reading import open_run
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.replay.press_grouping import Part, parts_of
 from tacauchy_rig.core.arrays import FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of

@@ -15,8 +15,8 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.emulators.arm.body import COARSENESS
+from drivers.arm.ur5_protocol import DASHBOARD_PORT
+from drivers.emulators.arm.controller_state import COARSENESS
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, command_line, post_fault

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera.v4l2 import PixelFormat
+from drivers.camera.v4l2_modes import PixelFormat
 from drivers.emulators.camera.frame_server import (
     description_of,
     encode_jpeg,

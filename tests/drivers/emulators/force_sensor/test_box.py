@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.force_sensor.box import TRACE_FILE, BoxCommands, WrenchSource, open_trace
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld

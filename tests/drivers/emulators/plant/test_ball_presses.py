@@ -16,7 +16,7 @@ from drivers.emulators.plant.ball_presses import (
 )
 from drivers.emulators.plant.truth import draw_truth
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.cli.emulation import emulated_unit
+from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 
 TRUTH = draw_truth(7)
 

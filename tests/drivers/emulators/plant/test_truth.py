@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.gel_response import SurfaceProfile
 from drivers.emulators.plant.optics import render_press, view_of
 from drivers.emulators.plant.press_table import PressCase, compute_table
 from drivers.emulators.plant.relief import relief_of, visible_share
@@ -25,9 +25,9 @@ from drivers.emulators.plant.truth import (
     write_truth,
 )
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.cli.emulation import emulated_unit
+from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.codec import read_json
+from tacauchy_rig.core.store.json_codec import read_json
 
 
 def test_another_process_draws_the_same_world(tmp_path: Path) -> None:

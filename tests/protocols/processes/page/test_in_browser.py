@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from protocols.processes.messages import Job, PageOptions
+from protocols.processes.ipc import Job, PageOptions
 from protocols.processes.supervisor import plan_session
-from protocols.processes.viewing import CONTROL_ENDED, Viewing
+from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
 from tacauchy_rig.core.run import JournalEvent, Outcome
 from tests.protocols.processes.page.conftest import ONE, running
 

@@ -15,11 +15,11 @@ from sim.optics.calibrate.ball_press import (
     read_ball_presses,
     read_rgb,
 )
-from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.circle_and_light import PressScene, wrong_label
+from sim.optics.calibrate.colour_fit import Calibration
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, GelMotion, MotionModel, fit_motions
-from sim.optics.calibrate.optics_fit import gel_motion, press_image
-from sim.optics.calibrate.press_scene import PressScene, wrong_label
-from sim.optics.markers.printed_markers import find_markers
+from sim.optics.calibrate.shadow_blur_fit import gel_motion, press_image
+from sim.optics.markers.marker_tracking import find_markers
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 

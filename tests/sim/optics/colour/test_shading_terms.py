@@ -9,9 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.optics.calibrate.colours import calibrate_optics
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric, fit_terms
-from sim.optics.calibrate.press_scene import seen_change
+from sim.optics.calibrate.circle_and_light import seen_change
+from sim.optics.calibrate.colour_fit import calibrate_optics
+from sim.optics.calibrate.photometric_least_squares import (
+    PhotometricSamples,
+    fit_photometric,
+    fit_terms,
+)
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,

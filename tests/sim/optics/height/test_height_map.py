@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.effect_choice import plan_effects
+from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import SurfaceState, surface_state
 from sim.mesh.elements import FACE_EDGES, linear_facets, quadratic_nodes
 from sim.optics.height.height_map import cut_face, cut_tables, height_maps
-from sim.optics.height.node_kernel import indenter_height
+from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad, DiscPad

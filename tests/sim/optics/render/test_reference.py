@@ -18,7 +18,7 @@ from sim.optics.colour.photometric import (
 from sim.optics.render import renderer
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, surface_tilt
 
 _TERMS = ShadingTerms(

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.calibrate.photometric_least_squares import PhotometricSamples, fit_photometric
 from sim.optics.colour.colour_model import PixelColours, SampleColours
-from sim.optics.colour.nominal import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
+from sim.optics.colour.nominal_optics import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
-from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, surface_tilt

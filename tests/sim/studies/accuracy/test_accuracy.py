@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.correction import WAY
-from sim.error import Tolerance, keeping, keeping_corrected
+from sim.accuracy import Tolerance, keeping, keeping_corrected
 from sim.mesh.elements import ElementOrder
+from sim.mesh_bias_correction import WAY
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.accuracy.judging import (
+from sim.studies.accuracy.reference_errors import (
     FULL,
     QUANTITIES,
     SHORT,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.error import Tolerance
+from sim.accuracy import Tolerance
 from sim.fields.press_fields import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from sim.correction import Corrected
+from sim.mesh_bias_correction import Corrected
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import ContactMode
-from sim.studies.bench.press import stated_scene
 from sim.studies.bench.scenes import (
     Manner,
     Reference,
@@ -21,8 +20,9 @@ from sim.studies.bench.scenes import (
     scene_tables,
     scenes_figure,
 )
+from sim.studies.bench.timed_press import stated_scene
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.store.codec import dumps
+from tacauchy_rig.core.store.json_codec import dumps
 
 
 def test_every_kind_of_press_is_among_the_scenes() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.pad import BoxPad
 from sim.studies.bench import sensor_batches as unlike
 

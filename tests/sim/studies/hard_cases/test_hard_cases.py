@@ -21,8 +21,8 @@ from sim.studies.hard_cases.invariants import (
     repeatable,
     slide_and_return,
 )
-from sim.studies.hard_cases.pads import brick_mesh, pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.precision import in_single_precision
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.study import CASES, HardCases, measured
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.study import About, Result

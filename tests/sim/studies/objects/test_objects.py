@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from sim.scene.objects import OBJECTS
 from sim.scene.scene import Preset
 from sim.studies.objects.study import Objects, objects_figure
-from tacauchy_rig.core.figure_style import FRAMED_STYLE, PRINT_DPI
+from tacauchy_rig.core.plot_style import FRAMED_STYLE, PRINT_DPI
 from tacauchy_rig.core.study import About, Result
 from tests.sim.made_up_presses import object_presses
 

@@ -1,6 +1,6 @@
 """Measurements for the paper's page, made up."""
 
-from sim.studies.paper.kept import SCORES, Report, SceneSpeed, Speeds
+from sim.studies.paper.kept_results import SCORES, Report, SceneSpeed, Speeds
 from sim.studies.paper.presses import AS_CONFIGURED, BALANCED, FAST, FORCES_N, THIN, ModelPresses
 
 FLOOR = {"ssim": 0.97, "ncc": 0.9, "histogram_correlation": 0.9, "psnr_db": 30.0, "mse": 60.0}

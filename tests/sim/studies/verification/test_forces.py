@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.scene import ContactMode, Preset
 from sim.studies import from_file
 from sim.studies.verification import forces

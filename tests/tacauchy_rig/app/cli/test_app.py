@@ -82,7 +82,7 @@ def test_nothing_moves_without_the_sensors_name(
 ) -> None:
     """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("drivers.checks.require_devices", lambda _: None)
+    monkeypatch.setattr("drivers.device_checks.require_devices", lambda _: None)
     (tmp_path / "rig.toml").write_text(example_text())
     unchecked = ["--set", "limits.allow_unchecked_force=true"]
     done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN, *unchecked], input="yes\n")
@@ -234,7 +234,7 @@ def test_a_press_imports_no_figures_and_no_images() -> None:
     """Until a press begins, what draws, meshes triangles or handles images is not waited for."""
     script = f"""
 import sys
-import sim.press, sim.press_command
+import sim.press, sim.press_arguments
 loaded = [name for name in {UNUSED!r} if name in sys.modules]
 assert not loaded, f"a press imports {{loaded}}"
 """

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.optics.calibrate import press_scene as pressed_scene
+from sim.optics.calibrate import circle_and_light as pressed_scene
 from sim.optics.colour.photometric import load_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.app import app

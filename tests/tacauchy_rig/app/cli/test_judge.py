@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.cli.others import Baseline, judge
-from tacauchy_rig.app.judging.of_run import write_outputs
+from tacauchy_rig.app.cli.import_and_judge import Baseline, judge
+from tacauchy_rig.app.judging.task_and_baseline import write_outputs
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 from tests.recorded_run import new_run, press_run
 
@@ -115,7 +115,9 @@ def test_a_baseline_is_written_and_judged(
 ) -> None:
     """The indenter's shape, cut into the gel: its files are written, then judged as others are."""
     # Nominal optics: calibrating those of the emulated camera takes most of a minute.
-    monkeypatch.setattr("tacauchy_rig.app.cli.emulation.emulated_calibration", lambda _: None)
+    monkeypatch.setattr(
+        "tacauchy_rig.app.cli.emulated_calibration.emulated_calibration", lambda _: None
+    )
     judge(run=run, out=tmp_path, baselines=[Baseline.RIGID], json_file=tmp_path / "found.json")
     (rigid,) = json.loads((tmp_path / "found.json").read_text())["simulators"]
     assert rigid["name"] == "rigid penetration"

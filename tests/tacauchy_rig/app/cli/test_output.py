@@ -35,8 +35,8 @@ from tacauchy_rig.app.cli.progress import (
     force_bar,
     live_lines,
 )
-from tacauchy_rig.core.config.fields import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
+from tacauchy_rig.core.config.unit_fields import ceilings
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import Phase
 
@@ -177,7 +177,7 @@ def test_example_is_written_and_overwrites_nothing(tmp_path: Path, out: str | No
         with pytest.raises(ConfigError, match="is not filled in"):
             load_config(Path(place))
         Path(place).write_text("precious")
-        with pytest.raises(ConfigError, match="cannot be written"):
+        with pytest.raises(RecordError, match="exists already"):
             runner.invoke(app, command, catch_exceptions=False)
         assert Path(place).read_text() == "precious"
 

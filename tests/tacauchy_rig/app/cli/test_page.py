@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
 from drivers.emulators.process import DeviceSettings, Service
-from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.cli import run_and_resume
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.session import Request
-from tacauchy_rig.app.cli.watching import contact_outline, told_of_errors, viewers_of
+from tacauchy_rig.app.cli.live_viewing import contact_outline, told_of_errors, viewers_of
+from tacauchy_rig.app.cli.run_and_resume import Request
 from tacauchy_rig.app.viewers import options
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, RigError
@@ -67,7 +67,7 @@ def test_a_taken_port_is_told_before_anything_starts(tmp_path: Path, option: str
         taken.listen()
         request = Request(**{"page": "off", option: str(taken.getsockname()[1])})
         with pytest.raises(ConfigError, match=f"--{option}"):
-            session.press(store, store.config, request)
+            run_and_resume.press(store, store.config, request)
     assert not store.paths.truth.exists()
 
 

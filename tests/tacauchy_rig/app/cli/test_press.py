@@ -15,7 +15,7 @@ from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.press import states_a_scene
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 
 DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")
 PRESS = ("--indenter", "sphere:diameter=4mm", "--depth", "0.05mm", "--preset", "fast")

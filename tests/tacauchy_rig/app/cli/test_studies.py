@@ -12,7 +12,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from sim.press import press
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.scene.scene import Preset
 from sim.studies import from_file
 from sim.studies.verification import forces

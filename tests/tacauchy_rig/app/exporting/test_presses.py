@@ -10,14 +10,14 @@ from pxr import Gf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from sim.effects.presets import build_model
 from sim.fields.press_fields import passed_states
-from sim.press_command import scene_from
+from sim.press_arguments import scene_from
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.exporting.taxim import ISAAC_BINS, TAXIM_BINS
 from tacauchy_rig.app.replay.press_folder import STATES_NAME
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.store.run_store import pack_arrays
 
 

@@ -16,19 +16,19 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from tacauchy_rig.app.exporting.formats import Format, export
-from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.importing.importer import import_run
+from tacauchy_rig.app.importing.ros_bag import TYPES
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
-from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.check.run_check import check_run
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import empty_run
-from tests.tacauchy_rig.core.store.test_force_series import weigh
+from tests.tacauchy_rig.core.store.test_trusted_force import weigh
 
 LOSS = 2.0  # grey levels that the codec takes, on average
 

@@ -21,9 +21,9 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.importing.bag import POSE, TYPES, WRENCH
+from tacauchy_rig.app.importing.ros_bag import POSE, TYPES, WRENCH
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
 CSV_SPEC = """

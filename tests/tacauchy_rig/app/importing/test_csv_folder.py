@@ -8,15 +8,15 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.importing.guess import write_guess
+from tacauchy_rig.app.importing.guess_import_toml import write_guess
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay.reading import open_run
-from tacauchy_rig.app.replay.report import report_run
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run import check_run
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.importing.sources import (
     BLUE,

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.stream import DEPTH_STEP_M, FrameFactory, PressKey
-from drivers.emulators.plant.gel import Plant
+from drivers.emulators.camera.frame_generator import DEPTH_STEP_M, FrameFactory, PressKey
+from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.app.importing.presses import (
+from tacauchy_rig.app.importing.press_detection import (
     Frame,
     PressFinding,
     S,
@@ -24,7 +24,7 @@ from tacauchy_rig.app.importing.presses import (
     find_presses,
     needed,
 )
-from tacauchy_rig.app.importing.video import (
+from tacauchy_rig.app.importing.video_and_clock_offset import (
     MEMORY_S,
     MEMORY_SHARE,
     SMALL,

@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.evidence.attempt import RunReading
+from reports.evidence.read_attempt import RunReading
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
-from tacauchy_rig.app.calibration.optics.of_run import request_of
+from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay import places
 from tacauchy_rig.app.replay import replay as replaying
+from tacauchy_rig.app.replay import replay_parts
 from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.parts import parts_of
-from tacauchy_rig.app.replay.reading import open_run
+from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
-from tacauchy_rig.app.replay.report import report_run
+from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay
-from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.check.run_check import check_run
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.reports.conftest import record, replay_of
 
@@ -54,8 +54,8 @@ def test_surfaces_are_read_as_they_were_kept() -> None:
     fields = TrialFields(
         shape={}, at_nodes={}, at_faces={}, surface=state(2e-4), intermediate=(half,)
     )
-    arrays = places.arrays_of(fields)
-    read = places.surfaces_of(arrays)
+    arrays = replay_parts.arrays_of(fields)
+    read = replay_parts.surfaces_of(arrays)
     assert read.intermediate[0].depth_m == half.depth_m
     for found, was in zip(
         [read.intermediate[0].surface, read.surface], [half.surface, fields.surface], strict=True
@@ -72,8 +72,8 @@ class Bench:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.pressed = self.rendered = 0
         self.cut_after = 1000
-        patch.setattr(places, "parallel_map", self._map)
-        patch.setattr(places, "rendered", self._render)
+        patch.setattr(replay_parts, "parallel_map", self._map)
+        patch.setattr(replay_parts, "rendered", self._render)
 
     def _map(
         self, _: Callable[[Any], Any], items: Sequence[Any], **__: object
@@ -111,9 +111,9 @@ def test_finished_presses_are_not_pressed_again(
     optics = nominal_optics(parts[0].inputs.sensor)
     bench.cut_after = 5  # all three with the stated modulus, two with the fitted one
     with pytest.raises(KeyboardInterrupt):
-        places.replay_parts(run, parts, optics, on_progress=lines.append)
+        replay_parts.replay_parts(run, parts, optics, on_progress=lines.append)
     bench.cut_after, bench.pressed = 1000, 0
-    found = places.replay_parts(run, parts, optics, on_progress=lines.append)
+    found = replay_parts.replay_parts(run, parts, optics, on_progress=lines.append)
     assert bench.pressed == 1
     assert [each.trials[0].index for each in found] == [1, 2, 3]
     assert "  2 of 3 places are finished from before" in lines
@@ -126,15 +126,15 @@ def test_other_optics_render_again_and_another_gel_presses_again(
     """What was pressed stays as long as it was pressed with the same."""
     bench, parts = Bench(monkeypatch), parts_of(run)
     optics = nominal_optics(parts[0].inputs.sensor)
-    places.replay_parts(run, parts, optics, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, optics, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 3)
-    places.replay_parts(run, parts, optics, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, optics, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 3)
     other = replace(optics, blur_px=1.0)
-    places.replay_parts(run, parts, other, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, other, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 6)
     softer = [replace(each, inputs=each.inputs.stiffer(0.9)) for each in parts]
-    places.replay_parts(run, softer, other, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, softer, other, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (12, 9)
 
 
@@ -146,8 +146,8 @@ def test_a_repeated_replay_presses_nothing(
     optics = nominal_optics(probes[0].inputs.sensor)
     moved = [replace(each, inputs=each.inputs.moved((1e-4, 0.0))) for each in probes]
     for _ in range(2):
-        for name, parts in ((places.PROBES_NAME, probes), (places.REPLAY_NAME, moved)):
-            places.replay_parts(run, parts, optics, name=name, on_progress=lambda _: None)
+        for name, parts in ((replay_parts.PROBES_NAME, probes), (replay_parts.REPLAY_NAME, moved)):
+            replay_parts.replay_parts(run, parts, optics, name=name, on_progress=lambda _: None)
         assert bench.pressed == 9
 
 
@@ -155,7 +155,7 @@ def test_another_process_finds_what_was_kept(run: RunReading) -> None:
     """No address of this process is in what names a press; its sensor has functions."""
     part = parts_of(run)[0]
     assert " at 0x" in repr(part.inputs.sensor)
-    assert " at 0x" not in places._written(part)
+    assert " at 0x" not in replay_parts._written(part)
 
 
 def test_optics_are_calibrated_from_the_balls_of_a_mixed_run(small: Path) -> None:

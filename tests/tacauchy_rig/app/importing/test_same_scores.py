@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.comparison.results import TrialResult
+from reports.comparison.result_types import TrialResult
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
+from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of
-from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.replay import replay_run
-from tacauchy_rig.app.replay.report import report_run
+from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.tacauchy_rig.app.importing.sources import write_bag, write_csv, write_video

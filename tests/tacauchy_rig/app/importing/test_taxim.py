@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from sim.scene.scene import Preset
-from tacauchy_rig.app.calibration.optics.of_run import request_of
-from tacauchy_rig.app.calibration.optics.run import read_input
+from tacauchy_rig.app.calibration.optics.from_folder import read_input
+from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay.reading import open_run
-from tacauchy_rig.app.replay.report import report_run
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import CalibratedOptics, HeldOutPress, ImageAgreement
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
 PRESSES = 6

@@ -8,19 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.optics.markers.printed_markers import draw_markers, find_markers, marker_places
+from sim.optics.markers.marker_tracking import find_markers
+from sim.optics.markers.simulated_markers import draw_markers, marker_places
 from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.mounting import (
-    Dwell,
-    find_offset,
-    offset_of,
-    tilt_of,
-    tilted_curve,
-    with_found_tilt,
-)
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import (
     STATES,
@@ -28,6 +21,14 @@ from tacauchy_rig.app.replay.rendering import (
     intermediate_arrays,
     marker_motion,
     spread,
+)
+from tacauchy_rig.app.replay.tilt_and_place import (
+    Dwell,
+    find_offset,
+    offset_of,
+    tilt_of,
+    tilted_curve,
+    with_found_tilt,
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.effects.plan import PRESET_TOLERANCE
-from sim.error import Tolerance
+from sim.accuracy import Tolerance
+from sim.effects.effect_choice import PRESET_TOLERANCE
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
-from sim.optics.colour.nominal import nominal_photometric
+from sim.optics.colour.nominal_optics import nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel
 from sim.scene.indenter import describe
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import Lamp
+from sim.sensor.lamps_and_optics import Lamp
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
 from tacauchy_rig.app.replay.optics import (

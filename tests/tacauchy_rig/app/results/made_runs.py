@@ -14,8 +14,8 @@ import numpy as np
 import uvicorn
 
 from protocols.processes.page.access import AccessRule
-from tacauchy_rig.app.gel_health.comparison import GelState, PressMeasures, compare_presses
-from tacauchy_rig.app.results.runs import Health
+from tacauchy_rig.app.gel_health import GelState, PressMeasures, compare_presses
+from tacauchy_rig.app.results.run_lists import Health
 from tacauchy_rig.app.results.server import ResultsServer
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.recorded_run import empty_run

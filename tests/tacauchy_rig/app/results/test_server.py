@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from tacauchy_rig.app.results.runs import ListedRun, differing, find_runs, folder_of_runs
+from tacauchy_rig.app.results.run_lists import ListedRun, differing, find_runs, folder_of_runs
 from tacauchy_rig.core.errors import ConfigError
 from tests.recorded_run import empty_run
 from tests.tacauchy_rig.app.results.made_runs import NAMES, TOKEN, Client, served
-from tests.tacauchy_rig.core.store.test_force_series import keep, weigh
-from tests.tacauchy_rig.core.test_force_history import RIGHT, pressed
+from tests.tacauchy_rig.core.store.test_trusted_force import keep, weigh
+from tests.tacauchy_rig.core.test_force_sensor_gain import RIGHT, pressed
 
 FIRST, SECOND, ABORTED, DAMAGED = NAMES
 PAGES = ("", "compare", f"compare?a={FIRST}&b={SECOND}", f"health/{FIRST}", "results.css")

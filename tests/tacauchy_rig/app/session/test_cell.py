@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.replay.inputs import check_gel
-from tacauchy_rig.app.session import expected as loop_expected
-from tacauchy_rig.app.session.expected import expected_press, kept_expectation
-from tacauchy_rig.app.session.record import (
+from tacauchy_rig.app.session import expected_force as loop_expected
+from tacauchy_rig.app.session.expected_force import expected_press, kept_expectation
+from tacauchy_rig.app.session.record_run import (
     ForceCheckError,
     check_cell,
     mark_expired,
@@ -23,7 +23,7 @@ from tacauchy_rig.app.session.record import (
 )
 from tacauchy_rig.core.config.load import Change, load_config
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.force_check import Weight
+from tacauchy_rig.core.known_weight import Weight
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
@@ -46,7 +46,7 @@ def tare(fz_n: float) -> Tare:
 def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
     """Let the cell read ``scale`` of what hangs on it."""
     readings = (tare(1.4), tare(1.4 - scale * WEIGHT.force_n), tare(1.4))
-    monkeypatch.setattr("tacauchy_rig.app.session.record.weigh", lambda _config, **_: readings)
+    monkeypatch.setattr("tacauchy_rig.app.session.record_run.weigh", lambda _config, **_: readings)
 
 
 def _journalled(store: RunStore) -> int:

@@ -16,12 +16,12 @@ import pyarrow.parquet as pq
 import pytest
 from rocrate.rocrate import ROCrate
 
-from tacauchy_rig.app.sweep import run
+from tacauchy_rig.app.sweep import run_sweep
 from tacauchy_rig.app.sweep.engines import Folder, InterruptedSweepError, Processes, Work
 from tacauchy_rig.app.sweep.plan import Plan, Row, read_plan, row_hash, rows_of
 from tacauchy_rig.app.sweep.shards import Made, Shard, _columns, lists
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.image_codec import decode_rgb
 from tests.tacauchy_rig.app.sweep.stand_in import EXPECTED, SHARDS, work
 
 _HEAD = 'design = "{design}"\n{count}\n[press]\nsensor = "gelsight-mini"\n'
@@ -217,7 +217,7 @@ def _plan(folder: Path, text: str = _PLAN) -> Plan:
 
 def _swept(plan: Plan, out: Path, *, ends_after: int = 99) -> int:
     engine = Counting(ends_after)
-    swept = run.sweep(plan, rows_of(plan), out, engine)
+    swept = run_sweep.sweep(plan, rows_of(plan), out, engine)
     assert swept.is_whole
     assert swept.presses == engine.pressed
     assert set(swept.took_s) == ({"setup", "solve", "render", "write"} if swept.presses else set())
@@ -248,7 +248,7 @@ def test_a_sweep_again_computes_nothing_and_a_longer_one_what_is_new(
     assert _swept(plan, out) == 0
     assert _bytes(out) == before
     longer = _plan(tmp_path, _PLAN.replace("count = 5", "count = 6"))
-    with patch.object(run, "make_shard", side_effect=KilledError), pytest.raises(KilledError):
+    with patch.object(run_sweep, "make_shard", side_effect=KilledError), pytest.raises(KilledError):
         _swept(longer, out)
     assert {name for name in _bytes(out) if name in before} == set(before)
 
@@ -361,7 +361,7 @@ def test_a_damaged_shard_is_named(swept: tuple[Plan, Path], tmp_path: Path) -> N
 def test_a_full_disk_stops_before_the_first_press(swept: tuple[Plan, Path], tmp_path: Path) -> None:
     """A full disk stops before the first press."""
     engine = Counting()
-    full = patch.object(run, "free_bytes", return_value=1000)
+    full = patch.object(run_sweep, "free_bytes", return_value=1000)
     with full, pytest.raises(RecordError, match="0 MB free"):
-        run.sweep(swept[0], rows_of(swept[0]), tmp_path, engine)
+        run_sweep.sweep(swept[0], rows_of(swept[0]), tmp_path, engine)
     assert engine.pressed == 0

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.messages import Shown
+from protocols.processes.ipc import Shown
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.twin import follower
-from tacauchy_rig.app.replay.reading import open_run
-from tacauchy_rig.app.twin.twin import (
+from sim.twin import press_follower
+from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.twin.run_follower import (
     FRAMES_PER_S,
     MAPS_EVERY,
     STALE_NS,
@@ -49,7 +49,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(CameraImages, "of", enlarged)
-        patched.setattr(follower, "NO_FORCE_N", 0.0)
+        patched.setattr(press_follower, "NO_FORCE_N", 0.0)
         return watch_run(open_run(store.paths.root)).read_text("utf-8")
 
 

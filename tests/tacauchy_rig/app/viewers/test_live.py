@@ -14,10 +14,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from protocols.processes.messages import Shown
+from protocols.processes.ipc import Shown
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.viewers.__main__ import AXES, IMAGES, Topics
-from tacauchy_rig.core.rgb import encode_jpeg
+from tacauchy_rig.core.image_codec import encode_jpeg
 from tacauchy_rig.core.run import JournalEvent
 
 SUBPROTOCOL = "foxglove.sdk.v1"

@@ -135,7 +135,7 @@ def test_a_value_in_the_place_of_a_table(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b"[robot\n", "rig.toml: not valid TOML"),
-        (b'[run]\nname = "\xff"\n', "rig.toml: cannot be read"),
+        (b'[run]\nname = "\xff"\n', "rig.toml: not valid TOML"),
     ],
 )
 def test_a_file_that_is_no_toml(tmp_path: Path, content: bytes, message: str) -> None:
@@ -149,7 +149,7 @@ def test_a_file_that_is_no_toml(tmp_path: Path, content: bytes, message: str) ->
 
 def test_a_missing_file(tmp_path: Path) -> None:
     """A missing file is named, with the command that writes one."""
-    with pytest.raises(ConfigError, match=r"rig\.toml: no such configuration file") as caught:
+    with pytest.raises(ConfigError, match=r"rig\.toml: cannot be read: No such file") as caught:
         load_config(tmp_path / "rig.toml")
     assert "tacauchy-rig config example" in caught.value.remedy
 

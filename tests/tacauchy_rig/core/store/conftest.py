@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent, Pose
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 
 START_NS = 5_000_000_000
 PERIOD_NS = 10_000_000

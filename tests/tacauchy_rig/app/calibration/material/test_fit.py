@@ -20,7 +20,7 @@ from tacauchy_rig.app.calibration.material.fit import (
     other_unit,
     predict_left_out,
 )
-from tacauchy_rig.app.calibration.material.results import fit_term, sensor_text, with_gel
+from tacauchy_rig.app.calibration.material.sensor_file import fit_term, sensor_text, with_gel
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from tacauchy_rig.core.run import ForceSample, ImageFrame
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 
 FRAME_BYTES = 840_000
 FORCE_PER_FRAME = 4

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.recording.messages import RawMessage, Topic
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 
 FRAME_COUNT = 6
 

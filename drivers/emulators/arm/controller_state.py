@@ -1,0 +1,336 @@
+"""What an emulated UR controller knows of itself: power, safety, registers, motion, force."""
+
+import math
+import random
+from dataclasses import dataclass
+
+from drivers.arm.ur5_protocol import (
+    INPUT_TYPES,
+    OUTPUT_TYPES,
+    TYPE_FORMATS,
+    RobotMode,
+    RuntimeState,
+    SafetyBit,
+    Value,
+)
+from tacauchy_rig.core.config.settings import RobotModel
+from tacauchy_rig.core.rotations import composed
+from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
+
+VERSIONS: dict[RobotModel, tuple[int, int, int, int]] = {
+    RobotModel.CB3: (3, 15, 8, 106339),
+    RobotModel.E_SERIES: (5, 11, 1, 108318),
+}
+
+# What a program's end and a safety stop ask of the arm [m/s^2]; a real arm's figures depend on
+# its joints, and are of this size.
+PROGRAM_END_DECELERATION = 1.5
+SAFETY_STOP_DECELERATION = 3.0
+
+STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_E_SERIES_ONLY = ("ft_raw_wrench", "actual_current_as_torque")
+_RESTING_JOINTS: Vector6 = (0.0, -1.5708, -1.5708, -1.5708, 1.5708, 0.0)
+# Reach of the tip measured from the shoulder, and how near the base column it may come [m].
+_REACH_M, _SHOULDER_Z_M, _COLUMN_M = 1.05, 0.089, 0.12
+
+
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """Power and safety as the RTDE fields and the dashboard show them."""
+
+    name: str
+    mode: int
+    bits: int
+    robot_mode: RobotMode = RobotMode.RUNNING
+
+
+NORMAL = Safety("NORMAL", 1, SafetyBit.NORMAL)
+PROTECTIVE_STOP = Safety(
+    "PROTECTIVE_STOP", 3, SafetyBit.PROTECTIVE_STOP | SafetyBit.STOPPED_FOR_SAFETY
+)
+EMERGENCY_STOP = Safety(  # the arm loses its power
+    "ROBOT_EMERGENCY_STOP",
+    7,
+    SafetyBit.ROBOT_EMERGENCY_STOP | SafetyBit.EMERGENCY_STOP | SafetyBit.STOPPED_FOR_SAFETY,
+    RobotMode.POWER_OFF,
+)
+
+
+def _zero(type_name: str) -> Value:
+    layout = TYPE_FORMATS[type_name]
+    return (0,) * int(layout[:-1] or "1")
+
+
+class ControllerBody:
+    """Everything that the ports of one emulated controller share; powered and idle at first."""
+
+    def __init__(self, model: RobotModel, home: Pose, *, remote_control: bool = True) -> None:
+        self.model = model
+        self.motion = ToolMotion(home)
+        self.remote_control = remote_control  # false when the pendant is in local control
+        self.safety = NORMAL
+        self.runtime_state: int = RuntimeState.STOPPED
+        self.tcp_offset = STILL
+        self.payload_kg = 0.0
+        self.zero_ft_asked = False  # ``zero_ftsensor`` came and has not been applied yet
+        # Value of each RTDE input field that a client wrote.
+        self.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
+        # Value of each RTDE output field, always a tuple.
+        self.outputs = {
+            name: _zero(type_name)
+            for name, type_name in OUTPUT_TYPES.items()
+            if model is RobotModel.E_SERIES or name not in _E_SERIES_ONLY
+        }
+        self.outputs |= {
+            "actual_q": _RESTING_JOINTS,
+            "target_q": _RESTING_JOINTS,
+            "joint_mode": (253,) * 6,
+            "joint_temperatures": (29.0,) * 6,
+            "actual_joint_voltage": (48.0,) * 6,
+            "speed_scaling": (1.0,),
+            "target_speed_fraction": (1.0,),
+            "actual_main_voltage": (48.0,),
+            "actual_robot_voltage": (48.0,),
+            "actual_robot_current": (0.6,),
+            "actual_tool_accelerometer": (0.0, 0.0, 9.82),
+        }
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a program runs."""
+        return self.runtime_state == RuntimeState.PLAYING
+
+    def admits_pose(self, pose: Vector6) -> bool:
+        """Return whether a tip pose lies within a coarse model of the arm's reach."""
+        x, y, z = pose[:3]
+        from_shoulder = math.hypot(x, y, z - _SHOULDER_Z_M)
+        return from_shoulder <= _REACH_M and math.hypot(x, y) >= _COLUMN_M
+
+    def publish(self, *, time_s: float, tcp_force: Vector6) -> None:
+        """Bring the RTDE output fields up to date.
+
+        Args:
+            tcp_force: What the arm takes for force [N] and moment [N m] on its tip.
+        """
+        safety, pose, velocity = self.safety, self.motion.pose, self.motion.velocity
+        is_powered = safety.robot_mode >= RobotMode.POWER_ON
+        self.outputs |= {
+            "timestamp": (time_s,),
+            "actual_TCP_pose": pose,
+            "target_TCP_pose": pose,
+            "actual_TCP_speed": velocity,
+            "target_TCP_speed": velocity,
+            "actual_TCP_force": tcp_force,
+            "tcp_force_scalar": (math.hypot(*tcp_force[:3]),),
+            "runtime_state": (self.runtime_state,),
+            "robot_status_bits": (is_powered | self.is_playing << 1,),
+            "safety_status_bits": (safety.bits,),
+            "safety_mode": (safety.mode,),
+            "safety_status": (safety.mode,),
+            "robot_mode": (safety.robot_mode,),
+            "payload": (self.payload_kg,),
+            "tcp_offset": self.tcp_offset,
+        }
+
+
+_ARRIVED_M = 1e-9
+# A turn without travel is driven as if its angle were travelled at this lever arm.
+_LEVER_ARM_M = 0.5
+
+
+class ToolMotion:
+    """The tip's pose and velocity, advanced cycle by cycle, in Cartesian space only.
+
+    Three ways to move exclude one another: along a line to a target, at a set velocity, and
+    braking to a stop.
+    """
+
+    def __init__(self, home: Pose) -> None:
+        self.pose: Vector6 = home.as_vector()  # x, y, z [m] and rotation vector [rad] of the tip
+        self.velocity: Vector6 = STILL  # tool velocity [m/s, rad/s]
+        # While True the arm stands still whatever it was told (an injected fault).
+        self.stalled = False
+        self._target: Vector6 | None = None
+        self._target_velocity: Vector6 | None = None
+        self._speed_cap = self._acceleration = self._speed = 0.0
+
+    @property
+    def is_still(self) -> bool:
+        """True when nothing moves and nothing is meant to."""
+        return self._target is None and self._target_velocity is None
+
+    def move_to(self, target: Vector6, *, speed: float, acceleration: float) -> None:
+        """Drive straight to ``target`` with a trapezoidal speed [m/s, m/s^2]."""
+        self._target, self._target_velocity = target, None
+        self._speed_cap, self._acceleration, self._speed = speed, acceleration, 0.0
+
+    def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
+        """Approach ``velocity`` [m/s, rad/s] at ``acceleration`` [m/s^2, rad/s^2] and hold it."""
+        self._target, self._target_velocity = None, velocity
+        self._acceleration = acceleration
+
+    def brake(self, deceleration: float) -> None:
+        """Come to rest at ``deceleration`` [m/s^2]."""
+        if not self.is_still:
+            self.set_velocity(STILL, acceleration=deceleration)
+
+    def step(self, duration_s: float) -> None:
+        """Advance by ``duration_s`` [s]."""
+        if self.is_still:
+            return
+        if self.stalled:
+            self.velocity = STILL
+            if self._target_velocity == STILL:
+                self._target_velocity = None
+        elif self._target is not None:
+            self._approach(self._target, duration_s)
+        elif self._target_velocity is not None:
+            self._follow(self._target_velocity, duration_s)
+
+    def _approach(self, target: Vector6, duration_s: float) -> None:
+        x, y, z, a, b, c = self.pose
+        turn: Vector3 = (0.0, 0.0, 0.0)
+        if target[3:] != (a, b, c):
+            turn = composed(target[3:], (-a, -b, -c))
+        way = (target[0] - x, target[1] - y, target[2] - z, *turn)
+        left = max(math.hypot(*way[:3]), _LEVER_ARM_M * math.hypot(*turn))
+        braking = math.sqrt(2.0 * self._acceleration * left)
+        new = min(self._speed + self._acceleration * duration_s, self._speed_cap, braking)
+        step = 0.5 * (self._speed + new) * duration_s
+        self._speed = new
+        if step >= left - _ARRIVED_M:
+            self.pose, self.velocity, self._target = target, STILL, None
+            return
+        self._travel(way, step / left)
+        self.velocity = vector6(new / left * each for each in way)
+
+    def _follow(self, target: Vector6, duration_s: float) -> None:
+        v, limit = self.velocity, self._acceleration * duration_s
+        change = [t - now for t, now in zip(target, v, strict=True)]
+        sizes = (math.hypot(*change[:3]), math.hypot(*change[3:]))
+        shares = [1.0 if size <= limit else limit / size for size in sizes for _ in range(3)]
+        rows = zip(v, shares, change, strict=True)
+        self.velocity = new = vector6(now + share * step for now, share, step in rows)
+        # The mean of old and new velocity makes the travelled distance exact for a ramp.
+        both = vector6(was + now for was, now in zip(v, new, strict=True))
+        self._travel(both, 0.5 * duration_s)
+        if target == STILL and not any(new):
+            self._target_velocity = None
+
+    def _travel(self, way: Vector6, share: float) -> None:
+        """Go a share of a way [m, rad]."""
+        x, y, z, a, b, c = self.pose
+        dx, dy, dz, *turn = (share * each for each in way)
+        rotation: Vector3 = (a, b, c)
+        if any(turn):
+            rotation = composed((turn[0], turn[1], turn[2]), rotation)
+        self.pose = (x + dx, y + dy, z + dz, *rotation)
+
+
+# An e-Series arm measures the force on its tool in its flange, a CB3 infers it from the currents of
+# its joints. Neither is a force sensor for a gel; how coarse each is stands in ``COARSENESS``.
+
+_MOST_DEVIATIONS = 2.0
+# Turns errors of a force into errors of a moment [m]: 0.30 N m and 4.0 N in UR5e's data sheet.
+_LEVER_M = 0.075
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coarseness:
+    """By how much an arm's own estimate of a force is off; offset, drift and gain are drawn."""
+
+    offset_n: float  # standard deviation of its zero [N], drawn within two of them
+    drift_n_s: float  # standard deviation of the zero's drift [N/s]
+    gain_ratio: float  # standard deviation of its gain [1]
+    noise_n: float  # standard deviation of its noise [N]
+    noise_time_s: float  # over which the noise forgets itself [s]: the controller filters
+    friction_n: float  # joint friction that it takes for a force, against the motion [N]
+    friction_travel_m: float  # over which that friction builds up and turns round [m]
+
+
+COARSENESS = {
+    # Offset: the data sheet of UR5e states an accuracy of 4.0 N, taken for two deviations. The
+    # others are likely, not confirmed: no such arm was connected.
+    RobotModel.E_SERIES: Coarseness(
+        offset_n=2.0,
+        drift_n_s=1e-3,
+        gain_ratio=0.02,
+        noise_n=0.3,
+        noise_time_s=0.01,
+        friction_n=0.0,
+        friction_travel_m=1e-4,
+    ),
+    # Offset: users of UR5 CB3 tell of 10 N either way. The others are likely, not confirmed.
+    RobotModel.CB3: Coarseness(
+        offset_n=5.0,
+        drift_n_s=5e-3,
+        gain_ratio=0.05,
+        noise_n=0.8,
+        noise_time_s=0.02,
+        friction_n=2.5,
+        friction_travel_m=2e-4,
+    ),
+}
+
+
+class ForceEstimate:
+    """One arm's estimate, sample by sample.
+
+    Friction follows Dahl's law (P. Dahl, "A solid friction model", 1968): it turns round over a
+    short travel, and stays as it is while the tool stands still.
+
+    Args:
+        sign: 1 where the controller counts a push on its tool as positive, -1 where as negative.
+    """
+
+    def __init__(self, model: RobotModel, *, seed: int, sign: int = 1) -> None:
+        self._sign = sign
+        self._coarseness = coarseness = COARSENESS[model]
+        self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
+        scales = (1.0,) * 3 + (_LEVER_M,) * 3
+        offsets_n = [self._drawn() * coarseness.offset_n for _ in scales]
+        drifts_n_s = [self._drawn() * coarseness.drift_n_s for _ in scales]
+        self._axes = tuple(zip(scales, offsets_n, drifts_n_s, strict=True))
+        self._gain = 1.0 + self._drawn() * coarseness.gain_ratio
+        self._noise = [0.0] * 6
+        self._friction = [0.0] * 6
+        self._elapsed_s = 0.0
+        self._newest: Vector6 = (0.0,) * 6
+        self._zero: Vector6 = (0.0,) * 6
+
+    def zero(self) -> None:
+        """Make the newest estimate the zero of those that follow, noise and all."""
+        self._zero = self._newest
+
+    def advance(self, wrench: Vector6, velocity: Vector6, *, duration_s: float) -> Vector6:
+        """Return the estimate ``duration_s`` [s] after the last one.
+
+        Args:
+            wrench: True force and moment on the tool [N, N m], base frame.
+            velocity: Of the tool [m/s, rad/s], base frame.
+        """
+        self._elapsed_s = elapsed_s = self._elapsed_s + duration_s
+        kept = math.exp(-duration_s / self._coarseness.noise_time_s)
+        fresh = self._coarseness.noise_n * math.sqrt(1.0 - kept * kept)
+        sign, gain, gauss = self._sign, self._gain, self._random.gauss
+        if self._coarseness.friction_n > 0.0:
+            self._advance_friction(velocity, duration_s)
+        axes = zip(wrench, self._axes, self._noise, self._friction, strict=True)
+        self._noise, estimate = [], []
+        for true, (scale, offset, drift), old, friction in axes:
+            noise = kept * old + gauss(0.0, fresh)
+            self._noise.append(noise)
+            estimate.append(
+                sign * (gain * true + scale * (offset + drift * elapsed_s + noise + friction))
+            )
+        self._newest = vector6(estimate)
+        return vector6(new - zero for new, zero in zip(estimate, self._zero, strict=True))
+
+    def _advance_friction(self, velocity: Vector6, duration_s: float) -> None:
+        for axis, speed in enumerate(velocity[:3]):
+            against = -math.copysign(self._coarseness.friction_n, speed)
+            share = math.exp(-abs(speed) * duration_s / self._coarseness.friction_travel_m)
+            self._friction[axis] = against + share * (self._friction[axis] - against)
+
+    def _drawn(self) -> float:
+        return max(-_MOST_DEVIATIONS, min(_MOST_DEVIATIONS, self._random.gauss(0.0, 1.0)))

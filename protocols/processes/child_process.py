@@ -1,0 +1,197 @@
+"""Child processes: what each does first and last, and how the supervisor starts and sees it."""
+
+import errno
+import faulthandler
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import protocols
+from protocols.guard.abort import SIGNALS
+from protocols.processes.ipc import Channel, FeedLines, Job
+from tacauchy_rig.core.errors import DeviceError, RigError
+
+logger = logging.getLogger(__name__)
+
+JOB_TIMEOUT_S = 10.0
+
+
+def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
+    """Take the job from the supervisor and do it; return the exit status.
+
+    Errors go to the supervisor as plain words, and with their traceback to the log (stderr).
+    """
+    faulthandler.enable()
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
+    )
+    supervisor = Channel.inherited(int(sys.argv[1]))
+    try:
+        work(_receive_job(name, supervisor), supervisor)
+    except RigError as error:
+        logger.error("%s", error)
+        supervisor.send(error)
+        return error.exit_code
+    except Exception as error:
+        supervisor.send(_unforeseen(name, error))  # first: without memory the log may fail
+        logger.critical("unforeseen", exc_info=error)
+        return 2
+    return 0
+
+
+def _unforeseen(name: str, error: Exception) -> RigError:
+    # Where a program cannot get the memory of its arguments, the kernel says E2BIG.
+    refused = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.E2BIG)
+    if refused or isinstance(error, MemoryError):
+        return RigError(
+            f"{name}: out of memory",
+            remedy="check where the arm is; end other programs or lift `ulimit -v`, then "
+            "`tacauchy-rig resume` continues",
+        )
+    return RigError(
+        f"{name}: unforeseen {type(error).__name__}: {error}",
+        remedy=f"read logs/{name}.log in the run folder",
+    )
+
+
+def ask_for_priority(niceness: int) -> None:
+    """Ask the kernel to prefer this process; without the right to it, say so and go on.
+
+    Not a real-time class: ur_rtde polls in a loop, and a real-time thread that polls can starve
+    whatever it waits for on the same core (seen as commands without an answer for a second).
+    """
+    try:
+        os.nice(niceness)
+    except PermissionError:
+        logger.info("no right to a higher priority; `ulimit -e 40` would give it")
+
+
+def ignore_signals() -> None:
+    """Leave signals meant for the run to the processes that can act on them."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _receive_job(name: str, supervisor: Channel) -> Job:
+    deadline = time.monotonic() + JOB_TIMEOUT_S
+    while time.monotonic() < deadline and not supervisor.closed:
+        supervisor.wait(0.1)
+        # One at a time: an order that follows the job is for whoever does the job.
+        for message in supervisor.receive(limit=1):
+            if isinstance(message, Job):
+                return message
+    raise DeviceError(f"{name}: no job from the supervisor within {JOB_TIMEOUT_S:g} s")
+
+
+LOG_FOLDER = "logs"
+
+
+class Launched:
+    """A child that runs ``protocols.processes.NAME``, or a module that is given.
+
+    Its descriptors are closed here once it has them, so that its end shows as an end of file.
+    """
+
+    def __init__(self, name: str, job: Job, *, module: str = "") -> None:
+        self.name = name
+        self.killed = False  # by this supervisor
+        self.last_message_s = time.monotonic()
+        self.log = job.root / LOG_FOLDER / f"{name}.log"
+        self.log.parent.mkdir(exist_ok=True)
+        self.channel, theirs = Channel.pair()
+        with self.log.open("ab") as log:
+            what = module or f"protocols.processes.{name}"
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", what, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=(theirs.fileno(), *job.descriptors.values()),
+                env=_environment(),
+                # A session of its own: Linux shares the processor between sessions first, so
+                # whatever else runs in the operator's terminal cannot starve a child.
+                start_new_session=True,
+            )
+        theirs.close()
+        self.channel.send(job)
+
+    def receive(self) -> list[Any]:
+        """Return what it said, and note that it said something."""
+        messages = self.channel.receive()
+        if messages:
+            self.last_message_s = time.monotonic()
+        return messages
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process is gone."""
+        return self.process.poll() is not None
+
+    def kill(self) -> None:
+        """End it at once, if it runs. An arm in motion is then stopped by its own watchdog."""
+        if not self.has_ended:
+            self.killed = True
+            self.process.kill()
+            self.process.wait()
+
+    def close(self) -> None:
+        """End it if it still runs, and let go of its channel."""
+        self.kill()
+        self.channel.close()
+
+    def release(self) -> None:
+        """Let go of its channel, and let it end by itself."""
+        self.channel.close()
+        self.process.returncode = 0  # nobody waits for it any more
+
+    def describe_end(self) -> str:
+        """Return how it ended, in words, with the last line of its log."""
+        code = self.process.poll()
+        if code is None:
+            return f"the {self.name} process still runs"
+        how = f"exit status {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
+        how = "it had stopped answering and was ended" if self.killed else how
+        lines = self.log.read_text(errors="replace").strip().splitlines()
+        last_words = f": {lines[-1]}" if lines else ""
+        return f"the {self.name} process died ({how}){last_words}"
+
+
+def _environment() -> dict[str, str]:
+    """Return our environment; the child finds the same packages, and computes with one thread."""
+    root = str(Path(protocols.__file__).parents[1])
+    known = os.environ.get("PYTHONPATH", "")
+    one_thread = {"OPENBLAS_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    return {**one_thread, **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, known)))}
+
+
+def launch_children(job: Job, feeds: FeedLines) -> dict[str, Launched]:
+    """Start recorder, camera and control with ``job``; return them by name.
+
+    Every end is closed here once its owner has it, so that the death of a process shows to its
+    partners as an end of file. Those of ``feeds`` stay open: no viewer's death is to show.
+    """
+    ends: dict[str, dict[str, socket.socket | Channel]]
+    ends = {"recorder": {}, "camera": {}, "control": {}}
+    for producer in ("camera", "control"):
+        for what, make_pair in (("data", socket.socketpair), ("acks", Channel.pair)):
+            ends[producer][f"recorder-{what}"], ends["recorder"][f"{producer}-{what}"] = make_pair()
+    ends["camera"]["control-status"], ends["control"]["camera-status"] = Channel.pair()
+    children: dict[str, Launched] = {}
+    with ExitStack() as opened:
+        for sockets in ends.values():
+            for end in sockets.values():
+                opened.callback(end.close)
+        for name, sockets in ends.items():
+            theirs = {what: end.fileno() for what, end in sockets.items()}
+            descriptors = {**theirs, **feeds.descriptors(name)}
+            children[name] = Launched(name, replace(job, descriptors=descriptors))
+    return children

@@ -1,0 +1,310 @@
+"""Compare a run with its replay: evidence in, judged numbers out."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from reports.comparison.criteria import judge_model, judge_modulus, judge_record
+from reports.comparison.result_types import RunStatistics, TrialResult, ValidationReport
+from reports.comparison.verdict_sentences import abstract_of, limits_of, read_scores, verdict_of
+from reports.evidence.evidence import (
+    EmulatedWorld,
+    ImageGeometry,
+    RunEvidence,
+    TrialEvidence,
+    TruthComparison,
+)
+from reports.scores import floor_and_ceiling as bounds
+from reports.scores import wrong_forces
+from reports.scores.confidence_interval import MeanInterval, t_interval
+from reports.scores.contact_scores import score_contact, touched
+from reports.scores.force_uncertainty import Scatter, compare_force, scatter_between
+from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_mean_mse, score
+from reports.scores.pose_and_light_residual import correct
+from tacauchy_rig.core.image_codec import to_grey
+from tacauchy_rig.core.run import FZ
+
+_MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
+
+
+def compare(evidence: RunEvidence) -> ValidationReport:
+    """Score, judge and explain every trial of a run.
+
+    Raises:
+        RecordError: Images of one trial differ in shape.
+    """
+    crossed = wrong_forces.cross_scores(evidence.trials)
+    matrices = wrong_forces.wrong_force_matrices(evidence.trials, crossed)
+    margins = wrong_forces.force_margins(evidence.trials)
+    scatter = scatter_between(evidence.trials, contact_force_n=evidence.contact_force_n)
+    trials = tuple(
+        _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index), scatter)
+        for trial in evidence.trials
+    )
+    statistics = _statistics(trials, evidence)
+    criteria = (*evidence.checks, *judge_modulus(evidence.model, evidence.thresholds))
+    passed = all(c.passed for c in criteria) and all(trial.passed for trial in trials)
+    passed = passed and bool(trials)
+    return ValidationReport(
+        passed=passed,
+        criteria=criteria,
+        verdict=verdict_of(trials, criteria, evidence, passed=passed),
+        abstract=abstract_of(trials, statistics, evidence),
+        reading=read_scores(trials, statistics, matrices, evidence),
+        limits=limits_of(trials, statistics, evidence),
+        trials=trials,
+        statistics=statistics,
+        matrices=matrices,
+        truth=recover_truth(evidence, trials),
+        evidence=evidence,
+    )
+
+
+def _compare_trial(
+    trial: TrialEvidence,
+    evidence: RunEvidence,
+    crossed: wrong_forces.CrossScores,
+    matrices: Sequence[wrong_forces.WrongForceMatrix],
+    margin: wrong_forces.ForceMargin | None,
+    scatter: Scatter,
+) -> TrialResult:
+    seen, model = compare_images(trial, evidence, crossed), evidence.model_of(trial.index)
+    discriminates = {
+        m.metric: m.diagonal_wins[m.trials.index(trial.index)]
+        for m in matrices
+        if trial.index in m.trials
+    }
+    force = compare_force(
+        trial,
+        tolerance_n=evidence.thresholds.max_force_mismatch,
+        model=model,
+        contact_force_n=evidence.contact_force_n,
+        scatter=scatter,
+        stated=evidence.stated,
+    )
+    criteria = (
+        *judge_record(trial),
+        *judge_model(
+            trial,
+            evidence.thresholds,
+            margin=margin,
+            contact=seen["contact"],
+            corrections=seen["corrections"],
+            force=force,
+            model=model,
+        ),
+    )
+    return TrialResult(
+        **_pressed(trial),
+        passed=all(criterion.passed for criterion in criteria),
+        force_mismatch_n=force.mismatch_n,
+        force=force,
+        **seen,
+        discriminates=discriminates,
+        force_margin=margin,
+        criteria=criteria,
+    )
+
+
+def compare_images(
+    trial: TrialEvidence, evidence: RunEvidence, crossed: wrong_forces.CrossScores
+) -> dict[str, Any]:
+    """Return what images say, by the fields of a result; None where one is missing."""
+    others = [t for t in evidence.trials if t.index != trial.index]
+    images, simulated = trial.images, trial.simulated_image
+    scale = _scale_mm_px(evidence.geometry)
+    scores = grey = contact = corrections = floors = unexplained = None
+    if images is not None and simulated is not None:
+        scores = crossed[trial.index][trial.index]
+        grey = score(to_grey(images.real), to_grey(simulated))
+        three = (images.real, simulated, images.reference)
+        contact = score_contact(*three, scale_mm_px=scale, seen=touched(images))
+        corrections = correct(*three, scale_mm_px=scale, seen=touched(images))
+    if images is not None:
+        wrong = {t.index for t in others if t.is_wrong_for(trial)}
+        own = crossed[trial.index]
+        floors = bounds.trial_floors(images, [own[index] for index in own if index in wrong])
+        unexplained = wrong_forces.contact_residuals(images, [images.reference])[0]
+    ceiling = bounds.trial_ceiling(trial, others)
+    return {
+        "metrics": scores,
+        "metrics_grey": grey,
+        "floors": floors,
+        "ceiling": ceiling,
+        "skill": _skills(trial, scores, floors, ceiling),
+        "contact": contact,
+        "contact_no_contact_residual": unexplained,
+        "corrections": corrections,
+    }
+
+
+def _pressed(trial: TrialEvidence) -> dict[str, Any]:
+    """Return what record and replay say by themselves, by the fields of a result."""
+    record, replay = trial.record, trial.replay
+    return {
+        "index": trial.index,
+        "attempt": 0 if record is None else record.attempt,
+        "outcome": "missing" if record is None else record.outcome.value,
+        "reason": "" if record is None else record.reason,
+        "force_target_n": trial.force_target_n,
+        "force_simulated_n": None if replay is None else replay.force_simulated_n,
+        **{name: getattr(record, name, None) for name in _MEASURED},
+        "depth_simulated_m": None if replay is None else replay.depth_simulated_m,
+        "rates": {} if record is None else dict(record.rates),
+        "streams": trial.streams,
+        "dwell_frame_count": 0 if trial.images is None else trial.images.frame_count,
+        "replay": {}
+        if replay is None
+        else {
+            "newton_iterations": replay.newton_iterations,
+            "search_iterations": replay.search_iterations,
+            "wall_s": dict(replay.wall_s),
+            "balance_relative": replay.balance_relative,
+            "gap_min_m": replay.gap_min_m,
+            "min_jacobian": replay.min_jacobian,
+            "force_error_estimate_relative": replay.force_error_estimate,
+            "force_error_basis": replay.force_error_basis,
+        },
+    }
+
+
+def _skills(
+    trial: TrialEvidence,
+    scores: ImageScores | None,
+    floors: bounds.Floors | None,
+    ceiling: bounds.Ceiling | None,
+) -> dict[str, bounds.Skill]:
+    if scores is None or floors is None or trial.images is None or trial.simulated_image is None:
+        return {}
+    noise = bounds.score_noise(trial.images, trial.simulated_image)
+    return {
+        m.value: bounds.skill(
+            scores.value(m),
+            floors.no_contact.value(m),
+            None if ceiling is None else ceiling.scores.value(m),
+            noise=0.0 if noise is None else noise[m],
+            larger_is_better=m.larger_is_better,
+        )
+        for m in Metric
+    }
+
+
+def _statistics(trials: Sequence[TrialResult], evidence: RunEvidence) -> RunStatistics:
+    scores = [t.metrics for t in trials if t.metrics is not None]
+    floors = [t.floors.no_contact for t in trials if t.floors is not None]
+    contacts = [t.contact for t in trials if t.contact is not None]
+    pressed = {t.index for t in trials if t.outcome != "missing"}
+    keys = [t.press_key for t in evidence.trials if t.index in pressed]
+    return RunStatistics(
+        metrics=image_means(scores),
+        no_contact=image_means(floors),
+        psnr_of_mean_mse_db=finite(psnr_of_mean_mse([s.mse for s in scores])),
+        psnr_of_mean_mse_no_contact_db=finite(psnr_of_mean_mse([s.mse for s in floors])),
+        force_mismatch_n=t_interval(_known(t.force_mismatch_n for t in trials)),
+        prediction_error_relative=t_interval(
+            _known(t.force.prediction_error_relative for t in trials)
+        ),
+        contact_zncc=t_interval([c.zncc for c in contacts]),
+        contact_relative_residual=t_interval([c.relative_residual for c in contacts]),
+        repeats_per_force=min((keys.count(key) for key in keys), default=0),
+    )
+
+
+def image_means(scores: Sequence[ImageScores]) -> dict[str, MeanInterval]:
+    """Return the mean of every score with its interval."""
+    return {m.value: t_interval([s.value(m) for s in scores]) for m in Metric}
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [v for v in values if v is not None]
+
+
+def _scale_mm_px(geometry: ImageGeometry) -> tuple[float, float] | None:
+    if geometry.scale_x_m_px is None or geometry.scale_y_m_px is None:
+        return None
+    return geometry.scale_x_m_px * 1e3, geometry.scale_y_m_px * 1e3
+
+
+_PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3, "mrad": 1e3}
+"""Of each unit in a newton, metre, pascal, newton per second or radian."""
+
+
+def recover_truth(
+    evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> tuple[TruthComparison, ...]:
+    """Put every true value that the pipeline can see beside what it made of it."""
+    world = evidence.world
+    if world is None:
+        return ()
+    return tuple(
+        TruthComparison(
+            name=name,
+            true=true * _PER_SI[unit],
+            recovered=recovered * _PER_SI[unit],
+            unit=unit,
+            trial=trial,
+        )
+        for name, unit, true, recovered, trial in _compared(world, evidence, trials)
+        if isinstance(true, float) and not math.isnan(true) and recovered is not None
+    )
+
+
+def _compared(
+    world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> Iterator[tuple[str, str, Any, float | None, int]]:
+    """Yield name, unit, true and recovered value in SI, and the trial or zero."""
+    values, model = world.values, evidence.model
+    records = [t.record for t in evidence.trials if t.record is not None]
+    dwells = [(t, *world.dwells[t.index]) for t in trials if t.index in world.dwells]
+    for t, true_n, _ in dwells:
+        yield "mean force in the dwell", "N", true_n, t.force_measured_n, t.index
+    for t, _, true_m in dwells:
+        yield "mean depth in the dwell", "mm", true_m, t.depth_measured_m, t.index
+    for record in records:
+        z_m = record.contact_z_m
+        found_m = None if z_m is None else z_m - world.surface_expected_m
+        name = "height of the gel above the expected"
+        yield name, "mm", values.get("surface_error_m"), found_m, record.index
+    poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
+    # What the camera's calibration knows of the place is added to what the images are still off.
+    known = (0.0, 0.0) if model is None else model.image_centre_m
+    found = {} if model is None else {each.name: each.value for each in model.found}
+    for axis, name in enumerate("xy"):
+        parts = [_part(values.get(each), axis) for each in ("pose_error_m", "image_shift_m")]
+        seen = _known(pose.x_mm if name == "x" else pose.y_mm for pose in poses)
+        off_m = known[axis] + 1e-3 * float(np.mean(seen)) if seen else None
+        yield f"contact seen off its place along {name}", "mm", sum(parts), off_m, 0
+    for axis, name in enumerate("xy"):  # as fitted to moments, whether it was applied or not
+        true_rad = _part(values.get("tilt_rad"), axis)
+        found_rad = found.get(f"lean towards {name}")  # the name that replays on disk have
+        yield f"tilt of the tool towards {name}", "mrad", true_rad, found_rad, 0
+    ratios = [
+        t.force_measured_n / t.force.force_predicted_n
+        for t in trials
+        if t.force_measured_n is not None and t.force.force_predicted_n
+    ]
+    if model is not None and ratios:
+        # Force is linear in the modulus.
+        found_pa = model.young_pa / (model.modulus_factor or 1.0) * float(np.mean(ratios))
+        name = "modulus, from force at the measured depth"
+        yield name, "kPa", values.get("young_pa"), found_pa, 0
+    tares = [(r.tare_before, r.tare_after) for r in records if r.tare_before and r.tare_after]
+    if tares:
+        variances = [tare.deviation[FZ] ** 2 for pair in tares for tare in pair]
+        noise_n = math.sqrt(float(np.mean(variances)))
+        yield "noise of a force sample", "mN", values.get("force_noise_n"), noise_n, 0
+    slopes = [
+        (after.mean[FZ] - before.mean[FZ]) / ((after.start_ns - before.start_ns) * 1e-9)
+        for before, after in tares
+        if after.start_ns > before.start_ns
+    ]
+    if slopes:
+        drift_n_s = float(np.mean(slopes))
+        yield "drift of the force sensor", "mN/s", values.get("force_drift_n_s"), drift_n_s, 0
+
+
+def _part(pair: Any, axis: int) -> float:
+    """Return one of two coordinates of a truth that was read; NaN where it is not known."""
+    return float(pair[axis]) if isinstance(pair, list | tuple) else math.nan

@@ -1,0 +1,373 @@
+"""What is read of an attempt, each frame decoded once, and what a replay keeps of a press."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+from reports.evidence.evidence import (
+    Curve,
+    ImageGeometry,
+    IntermediateFrame,
+    IntermediateState,
+    StreamSummary,
+    TrialImages,
+)
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, Int64Array
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.image_codec import decode_rgb
+from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
+from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays
+from tacauchy_rig.core.store.run_store import RunStore
+
+THIRDS = 3
+ROUNDING_LEVELS = 1.0 / math.sqrt(12.0)
+"""Of one frame to 8 bits: a contact that changes less than that does not show."""
+
+
+def settled_change(pressed: Sequence[ImageArray], reference: ImageArray) -> float | None:
+    """Return by how much of the contact first and last third of a dwell differ [1].
+
+    Their difference is projected on the contact's own image, the mean of the dwell less the
+    reference. Noise has no part in that image but by chance: of N values with a deviation s beside
+    a contact c it leaves s / (c sqrt(N)), whether or not a camera repeats its noise.
+
+    Of pictures that show one contact it is 0; None for fewer than three frames.
+    """
+    count = len(pressed) // THIRDS
+    if count == 0:
+        return None
+    contact = _mean(pressed) - reference
+    change = _mean(pressed[-count:]) - _mean(pressed[:count])
+    strength = max(float(np.mean(contact**2)), ROUNDING_LEVELS**2)
+    return abs(float(np.mean(change * contact))) / strength
+
+
+def _mean(images: Sequence[ImageArray]) -> FloatArray:
+    return np.asarray(np.mean(np.stack(images), axis=0, dtype=np.float64))
+
+
+T = TypeVar("T")
+Z = 2  # of a position
+MIN_FRAMES_TO_SPLIT = 4
+MIN_SAMPLES = 10  # of force in a dwell, for their scatter
+
+logger = logging.getLogger(__name__)
+
+
+class AttemptReading:
+    """One attempt at a trial; what is asked for is read when it is first asked for, and kept.
+
+    Raises:
+        RecordError: The recording is missing or damaged.
+    """
+
+    def __init__(self, store: RunStore, record: TrialRecord, geometry: ImageGeometry) -> None:
+        self.store = store
+        self.record = record
+        self.recording = store.recording(record.index, record.attempt)
+        self.geometry = geometry
+        # How much later than the arm's state of the same moment its samples are stamped.
+        self._force_late_ns = round(store.config.force_sensor.delay * 1e9)
+        self._camera_late_ns = round(store.config.camera.delay * 1e9)
+
+    @property
+    def force(self) -> ForceArrays:
+        """The force stream, raw."""
+        return self.recording.force()
+
+    @property
+    def arm(self) -> ArmArrays:
+        """The arm's states."""
+        return self.recording.arm()
+
+    @cached_property
+    def reference(self) -> ImageArray | None:
+        """Pixelwise median of the no-contact frames; None when none is readable."""
+        start_ns, end_ns = self.record.reference_start_ns, self.record.reference_end_ns
+        unloaded = self._frames(start_ns, end_ns, late_ns=self._camera_late_ns)
+        return median_image(unloaded) if unloaded else None
+
+    @cached_property
+    def images(self) -> TrialImages | None:
+        """Medians of the dwell beside the reference; None where either has no readable frame."""
+        # A dwell begins and ends with force samples, which were stamped late themselves.
+        late_ns = self._camera_late_ns - self._force_late_ns
+        pressed = self._frames(
+            self.record.dwell_start_ns, self.record.dwell_end_ns, late_ns=late_ns
+        )
+        if not pressed or self.reference is None:
+            return None
+        half = len(pressed) // 2
+        split = len(pressed) >= MIN_FRAMES_TO_SPLIT
+        return TrialImages(
+            real=median_image(pressed),
+            reference=self.reference,
+            first_half=median_image(pressed[:half]) if split else None,
+            second_half=median_image(pressed[half:]) if split else None,
+            frame_count=len(pressed),
+            settled_change=settled_change(pressed, self.reference),
+        )
+
+    @property
+    def dwell_s(self) -> tuple[float, float] | None:
+        """Start and end of the dwell on the time axis of the curves [s]."""
+        start_ns, end_ns = self.record.dwell_start_ns, self.record.dwell_end_ns
+        return None if start_ns is None or end_ns is None else (0.0, (end_ns - start_ns) * 1e-9)
+
+    @property
+    def force_curve(self) -> Curve | None:
+        """The tared pressing force [N], positive in compression; None without a tare."""
+        tare, sign = self.record.tare_before, self.store.config.force_sensor.compression_sign
+        if tare is None:
+            return None
+        stamp_ns = self.force.stamp_ns - self._force_late_ns
+        return self._curve(stamp_ns, sign * (self.force.wrench[:, FZ] - tare.mean[FZ]))
+
+    @property
+    def dwell_wrench(self) -> tuple[FloatArray, FloatArray] | None:
+        """Mean tared wrench of the dwell in the cell's frame and its standard error, shape [6].
+
+        None without a tare or a dwell, or where a component is not known.
+        """
+        record, tare = self.record, self.record.tare_before
+        if tare is None:
+            return None
+        samples = self.force.between(record.dwell_start_ns, record.dwell_end_ns)
+        if len(samples) < MIN_SAMPLES or not np.isfinite(samples).all():
+            return None
+        variance = samples.var(axis=0, ddof=1) / len(samples)
+        variance += np.square(tare.deviation) / max(1, tare.sample_count)
+        return samples.mean(axis=0) - np.array(tare.mean), np.sqrt(variance)
+
+    @property
+    def depth_curve(self) -> Curve | None:
+        """The travel below the height of first contact [m]; None where nothing was touched."""
+        contact_z_m = self.record.contact_z_m
+        if contact_z_m is None:
+            return None
+        return self._curve(self.arm.stamp_ns, contact_z_m - self.arm.pose[:, Z])
+
+    @property
+    def frame_stamps(self) -> Curve:
+        """The arrival stamps of all frames [ns], over when they were taken."""
+        stamp_ns, _ = self.recording.frame_stamps()
+        return self._curve(stamp_ns - self._camera_late_ns, stamp_ns.astype(np.float64))
+
+    @property
+    def press_duration_s(self) -> float | None:
+        """Time from the first touch to the middle of the dwell [s]; None where one is not known."""
+        curve, dwell = self.depth_curve, self.dwell_s
+        if curve is None or dwell is None:
+            return None
+        touched = curve.time_s[(curve.value > 0.0) & (curve.time_s < dwell[0])]
+        return 0.5 * sum(dwell) - float(touched[0]) if len(touched) else None
+
+    @property
+    def streams(self) -> tuple[StreamSummary, ...]:
+        """How regularly the samples of each stream arrived, and how many are missing.
+
+        Nothing of an imported run: its stamps are its source's, and its counters count its samples.
+        """
+        config, force = self.store.config, self.force
+        if config.is_imported:
+            return ()
+        stamps, counters = self.recording.frame_stamps()
+        found = (
+            summarize_stream("force", force.stamp_ns, force.counter, config.force_sensor.rate),
+            summarize_stream("image", stamps, counters, config.camera.rate),
+            summarize_stream("arm", self.arm.stamp_ns),
+        )
+        return tuple(stream for stream in found if stream is not None)
+
+    def _frames(
+        self, start_ns: int | None, end_ns: int | None, *, late_ns: int
+    ) -> list[ImageArray]:
+        """Return the images from ``start_ns`` to ``end_ns``, stamped ``late_ns`` later."""
+        if start_ns is None or end_ns is None:
+            return []
+        decoded = map(decode_frame, self.recording.frames(start_ns + late_ns, end_ns + late_ns))
+        return [crop_and_resize(image, self.geometry) for image in decoded if image is not None]
+
+    def _curve(self, stamp_ns: Int64Array, value: FloatArray) -> Curve:
+        dwell_start_ns = self.record.dwell_start_ns
+        start_ns = self.recording.start_ns if dwell_start_ns is None else dwell_start_ns
+        zero_ns = start_ns - self._force_late_ns
+        return Curve(time_s=_seconds(stamp_ns - zero_ns), value=value)
+
+
+class RunReading:
+    """The attempts of a run that count: of each trial the latest passed, or else the latest."""
+
+    def __init__(self, store: RunStore, geometry: ImageGeometry) -> None:
+        self.store = store
+        self.geometry = geometry  # how frames become scored images; the sensor's file knows it
+        # What the protocol wrote, by trial; None for one that has not ended.
+        self.records = {index: store.counting(index) for index in store.trial_indices()}
+        self._attempts: dict[int, AttemptReading] = {}
+
+    def of(self, trials: Collection[int]) -> RunReading:
+        """Return some of its trials; what was read of them is shared."""
+        part = copy(self)
+        part.records = {index: self.records[index] for index in self.records if index in trials}
+        return part
+
+    def attempt(self, trial: int) -> AttemptReading | None:
+        """Return what is read of a trial; None where no recording of it can be opened."""
+        record = self.records[trial]
+        return None if record is None else readable(lambda: self.read(record))
+
+    def read(self, record: TrialRecord) -> AttemptReading:
+        """Return what is read of an attempt, its recording opened once."""
+        if record.index not in self._attempts:
+            self._attempts[record.index] = AttemptReading(self.store, record, self.geometry)
+        return self._attempts[record.index]
+
+
+def readable(read: Callable[[], T]) -> T | None:
+    """Return what is read; None where it is damaged, which the check of the run names."""
+    try:
+        return read()
+    except RecordError as error:
+        logger.info("%s", error)
+        return None
+
+
+def decode_frame(frame: ImageFrame) -> ImageArray | None:
+    """Decode a JPEG frame to RGB, shape [height, width, 3]; None when it is no whole image."""
+    image = decode_rgb(frame.jpeg)
+    if image is None:
+        logger.warning("frame %d (%d bytes) is no image; left out", frame.counter, len(frame.jpeg))
+    return image
+
+
+def crop_and_resize(image: ImageArray, geometry: ImageGeometry) -> ImageArray:
+    """Cut the borders off and average down to the scored size.
+
+    Raises:
+        RecordError: The crop leaves fewer pixels than the scored image has.
+    """
+    height, width = image.shape[:2]
+    top = math.floor(height * geometry.crop_fraction)
+    left = math.floor(width * geometry.crop_fraction)
+    cropped = image[top : height - top, left : width - left]
+    if cropped.shape[0] < geometry.height_px or cropped.shape[1] < geometry.width_px:
+        raise RecordError(
+            f"a {width}x{height} px frame is smaller after the crop than the scored"
+            f" {geometry.width_px}x{geometry.height_px} px",
+            remedy="choose a larger camera mode, or a smaller image in the sensor's file",
+        )
+    size = (geometry.width_px, geometry.height_px)
+    resized = cv2.resize(np.ascontiguousarray(cropped), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(resized, dtype=np.uint8)
+
+
+def median_image(images: Sequence[ImageArray]) -> ImageArray:
+    """Return the pixelwise median of at least one image, rounded to 8 bits."""
+    return np.asarray(np.rint(np.median(np.stack(images), axis=0)), dtype=np.uint8)
+
+
+def summarize_stream(
+    name: str,
+    stamp_ns: Int64Array,
+    counter: Int64Array | None = None,
+    nominal_rate_hz: float | None = None,
+) -> StreamSummary | None:
+    """Reduce a stream's arrivals to rate, losses and percentiles; None of fewer than two."""
+    if len(stamp_ns) < 2:
+        return None
+    intervals_s = _seconds(np.diff(stamp_ns))
+    median, late = np.percentile(intervals_s, [50, 99]) * 1e3
+    return StreamSummary(
+        name=name,
+        nominal_rate_hz=nominal_rate_hz,
+        rate_hz=float(len(intervals_s) / intervals_s.sum()),
+        sample_count=len(stamp_ns),
+        lost_count=None if counter is None else int(counter[-1] - counter[0] + 1 - len(counter)),
+        interval_median_ms=float(median),
+        interval_p99_ms=float(late),
+        interval_max_ms=float(intervals_s.max() * 1e3),
+    )
+
+
+def _seconds(duration_ns: Int64Array) -> FloatArray:
+    return np.asarray(duration_ns * 1e-9, dtype=np.float64)
+
+
+NEAR = 0.05
+"""Of a press's force: a frame that was taken at a force farther off is not shown."""
+_KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
+
+
+def intermediate_states(
+    passed: Mapping[str, AnyArray], attempt: AttemptReading | None
+) -> tuple[IntermediateState, ...]:
+    """Return the states that a replay kept, the smallest force first; the last is the press's own.
+
+    ``passed``, the arrays of ``passed.npz``, is empty of a replay from before it was kept.
+    """
+    if not passed.keys() >= _KEYS:
+        return ()
+    frames = _frames(passed["force_n"], attempt)
+    return tuple(
+        IntermediateState(
+            force_n=float(passed["force_n"][k]),
+            depth_m=float(passed["depth_m"][k]),
+            image=passed["image"][k],
+            dent_m=passed["dent_m"][k],
+            pressure_pa=passed["pressure_pa"][k],
+            frame=frame,
+        )
+        for k, frame in enumerate(frames)
+    )
+
+
+def _frames(force_n: FloatArray, attempt: AttemptReading | None) -> list[IntermediateFrame | None]:
+    """Return the recorded frame nearest in force to each; of the last, what the dwell shows."""
+    if attempt is None:
+        return [None] * len(force_n)
+    near_n = NEAR * float(force_n[-1])
+    rising = [_nearest(attempt, float(each), near_n) for each in force_n[:-1]]
+    record, held = attempt.record, None
+    if attempt.images is not None:
+        held = IntermediateFrame(
+            image=attempt.images.real,
+            force_n=record.force_measured_n,
+            depth_m=record.depth_measured_m,
+        )
+    return [*rising, held]
+
+
+def _nearest(attempt: AttemptReading, force_n: float, near_n: float) -> IntermediateFrame | None:
+    """Return the frame before the dwell taken nearest to a force; None if that is not near."""
+    curve, stamps, depth = attempt.force_curve, attempt.frame_stamps, attempt.depth_curve
+    before = stamps.time_s < 0.0  # the curves' time begins with the dwell
+    start_ns = attempt.record.reference_end_ns
+    if start_ns is not None:
+        before &= stamps.value > start_ns
+    if curve is None or not len(curve.time_s) or not before.any():
+        return None
+    time_s, stamp_ns = stamps.time_s[before], stamps.value[before]
+    carried_n = np.interp(time_s, curve.time_s, curve.value)
+    k = int(np.argmin(np.abs(carried_n - force_n)))
+    if not abs(carried_n[k] - force_n) <= near_n:
+        return None
+    # Stamps went through a float: a microsecond is more than what that rounds.
+    around = attempt.recording.frames(int(stamp_ns[k]) - 1000, int(stamp_ns[k]) + 1000)
+    image = next((seen for seen in map(decode_frame, around) if seen is not None), None)
+    if image is None:
+        return None
+    return IntermediateFrame(
+        image=crop_and_resize(image, attempt.geometry),
+        force_n=float(carried_n[k]),
+        depth_m=float(np.interp(time_s[k], depth.time_s, depth.value))
+        if depth and len(depth.time_s)
+        else None,
+    )

@@ -1,0 +1,165 @@
+"""The launches that take a batch through frames, and what they find; on a GPU one graph."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.batch import motion_step_kernels as kernels
+from sim.batch.sensor_model import ForceBias, pressure_form
+from sim.contact.barrier_and_friction_kernels import Pressed
+from sim.device import Device, replaced
+from sim.solve.descents import Descents
+from tacauchy_rig.core.arrays import FloatArray
+
+# Steps of a descent between two looks at who has arrived: a look is nine launches.
+_STEPS_ON_GPU = 2
+_LOWERINGS = 40
+
+
+class Frames:
+    """Takes environments from pose to pose, each at its own pace.
+
+    Args:
+        rest: The nodes of the resting gel [m].
+        longest_m: Way of an environment's indenter in one part of a frame, of its tip or of a point
+            ``arm_m`` from it, shape [count].
+        bias: Of the mesh, by which loads are corrected.
+        enough: Residual over the contact force at a frame's end, and before.
+        halvings_max: Of a frame's parts, where descents do not arrive.
+        accepts_residual: A descent that ran out of steps counts as arrived.
+
+    Attributes:
+        motions: Where they go, a ``motion_step_kernels.Motions``.
+        found: What they found, a ``motion_step_kernels.Found``; NaN where they did not arrive, but
+            for the tips.
+    """
+
+    def __init__(
+        self,
+        descents: Descents,
+        history: Any,
+        rest: Any,
+        frame_count: int,
+        *,
+        longest_m: FloatArray,
+        arm_m: float,
+        bias: ForceBias,
+        floor_n: float,
+        enough: tuple[float, float],
+        halvings_max: int,
+        accepts_residual: bool,
+    ) -> None:
+        self._descents, self._history, self._rest = descents, history, rest
+        self._device = device = Device(descents.model.device)
+        own, shape = (descents.count,), (frame_count, descents.count)
+        self.motions = device.zeroed(kernels.Motions, own, goals=shape, loads=shape, enough=(2,))
+        self.motions.longest.assign(longest_m)
+        self.motions.enough.assign(np.array(enough))
+        self.motions.standoff = descents.model.contact_options.distance_m
+        self.found = device.zeroed(kernels.Found, shape, touched=(*shape, 7), wrench=(*shape, 6))
+        self._new = device.zeros(1, wp.int32)
+        self._graph: Any = None
+        self._set_out, self._lowering = self._recorded_start()
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
+        biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
+        self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
+
+    def go(self) -> None:
+        """Take who moves to the goals, in more and more parts where descents do not arrive."""
+        motions, found = self.motions, self.found
+        for counts in (motions.frame, motions.parts, motions.done, motions.halved):
+            counts.zero_()
+        found.evaluations.zero_()
+        for array in (found.touched, found.wrench, found.error, found.residual, found.imbalance):
+            array.fill_(np.nan)
+        # A graph that a simulator captures takes the launches, since it cannot take a graph.
+        alone = not wp.get_device(self._device.name).is_capturing
+        if alone and self._graph is not None:
+            wp.capture_launch(self._graph)
+            return
+        self._launch()
+        if alone and self._device.is_gpu:  # a graph cannot compile kernels: all run before
+            self._history.comes.zero_()
+            self._lower()
+            self._iterate()
+            with wp.ScopedCapture(device=self._device.name) as capture:
+                self._launch()
+            self._graph = capture.graph
+
+    def _launch(self) -> None:
+        busy = self._descents.busy
+        for flag in (self._new, busy):
+            flag.zero_()
+        self._set_out.launch()
+        wp.capture_if(self._new, on_true=self._lower)
+        for each in self._begin:
+            each.launch()
+        wp.capture_while(busy, while_body=self._iterate)
+
+    def _lower(self) -> None:
+        for each in self._lowering:
+            each.launch()
+
+    def _iterate(self) -> None:
+        for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
+            self._descents.step()
+        for each in (*self._end, *self._begin):
+            each.launch()
+
+    def _recorded_start(self) -> tuple[Any, list[Any]]:
+        """Record what finds who comes down anew, and what puts these over their first goals.
+
+        They are about to touch the resting gel, which has forgotten.
+        """
+        descents, history, record = self._descents, self._history, self._device.record
+        state, poses, positions = descents.state, descents.poses, descents.positions
+        model, buffers, new = descents.model, descents.contact_buffers, history.comes
+        made, own = model.surface.kernels, (descents.count,)
+        set_out = record(kernels.set_out, own, [self.motions, history, poses, state, self._new])
+        put = [self._rest, new, False, poses, state, history, positions]
+        put_back = record(kernels.put_back, tuple(positions.shape), put)
+        points, gaps = tuple(buffers[1].shape), buffers[2].reshape((descents.count, -1))
+        touch = record(made.touch, points, [descents.pressed, new, *buffers])
+        threads, down = 256 if self._device.is_gpu else 1, [new, gaps, self.motions, poses]
+        lower = record(kernels.lower, (descents.count, threads), down, threads)
+        grips = (descents.grip, descents.grip_start) if model.contact_options.is_tangential else ()
+        let_go = [record(kernels.let_go, points, [new, grip]) for grip in grips]
+        held = [replaced(Pressed, descents.pressed, grip=grip) for grip in grips]
+        drag = [record(made.drag, points, [each, new]) for each in held]
+        return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
+
+    def _recorded(
+        self, arm_m: float, biased: list[Any], ending: list[Any]
+    ) -> tuple[list[Any], list[Any]]:
+        """Record what begins a part, and what ends one."""
+        descents, history, record = self._descents, self._history, self._device.record
+        model, state, poses = descents.model, descents.state, descents.poses
+        own, nodes = (descents.count,), tuple(descents.positions.shape)
+        points = tuple(descents.contact_buffers[1].shape)
+        made = model.surface.kernels
+        options, grip, kept = model.contact_options, descents.grip, descents.grip_start
+        lags = options.friction > 0.0
+        begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
+        put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
+        begin = [record(kernels.begin, own, [*begun, descents.busy])]
+        form = self._device.array(pressure_form(model), wp.float64)
+        at = [descents.pressed, history.arrives]
+        now = [state, poses, self.motions, history]
+        end = [
+            record(kernels.arrive, own, [*ending, *now]),
+            record(made.wrench, points, [*at, form, history.touched]),
+            record(kernels.note, own, [*biased, *now, self.found]),
+        ]
+        if options.is_tangential:
+            # One that did not arrive may have left other grips than it began with.
+            begin.append(record(kernels.copy_grip, points, [history.starts, kept, grip]))
+            if options.bonded:
+                held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
+                end.append(record(made.hold, points, [*at, *held]))
+            else:
+                end.append(record(made.drag, points, at))
+            end.append(record(kernels.copy_grip, points, [history.arrives, grip, kept]))
+        begin.append(record(kernels.predict, nodes, put))
+        end.append(record(kernels.remember, nodes, [descents.positions, history]))
+        return begin, end

@@ -1,0 +1,177 @@
+"""Effects that a scene calls for by its definition alone, and the data of a plan.
+
+``sim.effects.effect_choice`` tries the effects that stay open on coarse meshes.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from sim.effects import estimates
+from sim.effects.mesh_choice import mirrors
+from sim.scene.indenter import Cylinder, Plane, Sphere
+from sim.scene.material import LawName
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
+from tacauchy_rig.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedEffect:
+    """One row of a plan."""
+
+    effect: Effect
+    on: bool  # it is simulated
+    reason: str  # why, with the numbers
+    # Relative error of each output if it is left out; empty where it changes nothing, None where
+    # nobody knows
+    costs: dict[Output, float] | None = None
+    asked: bool = False  # the user switched it
+
+    @property
+    def estimated_error(self) -> float | None:
+        """Relative error of the force (or of the depth that it asks for) if it is left out."""
+        if self.costs is None:
+            return None
+        return max(self.costs.get(Output.FORCE, 0.0), self.costs.get(Output.DEPTH, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectPlan:
+    """What is simulated of a scene, and why."""
+
+    rows: dict[Effect, PlannedEffect]
+    # Relative error of each output that is asked for that all effects left out may have together
+    tolerances: dict[Output, float] = field(default_factory=dict)
+    tried_s: float = 0.0  # processor time of the coarse presses that it rests on [s]
+
+    def is_on(self, effect: Effect) -> bool:
+        """Return whether an effect is simulated."""
+        return self.rows[effect].on
+
+    @property
+    def switches(self) -> tuple[tuple[Effect, bool], ...]:
+        """Every effect that was decided, as a scene has them."""
+        return tuple((row.effect, row.on) for row in self.rows.values())
+
+    def left_out(self, output: Output) -> float:
+        """Return the sum of what all that is left out costs an output."""
+        return sum((row.costs or {}).get(output, 0.0) for row in self.rows.values() if not row.on)
+
+    @property
+    def estimated_error(self) -> float:
+        """Sum of the estimated errors of F_z of what is left out."""
+        return sum(row.estimated_error or 0.0 for row in self.rows.values() if not row.on)
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return the rows for ``--json``."""
+        return [
+            {
+                "name": row.effect.value,
+                "on": row.on,
+                "reason": row.reason,
+                "estimated_error": row.estimated_error,
+                "costs": None
+                if row.costs is None
+                else {output.value: cost for output, cost in row.costs.items()},
+                "asked": row.asked,
+            }
+            for row in self.rows.values()
+        ]
+
+
+_SELF_CONTACT_DEPTH_SHARE = 0.6
+_CANNOT_BE_ADDED = {
+    Effect.SELF_CONTACT: "leave it off: gel against gel is not simulated",
+    Effect.SECOND_LAYER: "give the layers",
+    Effect.SYMMETRY: "centre the indenter and move it within one middle plane of the pad",
+    Effect.VISCOELASTICITY: "give the material a Prony series",
+    Effect.FRICTION: "ask for --contact friction:MU",
+}
+
+
+def full_plan(scene: Scene) -> EffectPlan:
+    """Return the plan that leaves nothing out but what the user switches off.
+
+    Raises:
+        ConfigError: The user switched something on that cannot be.
+    """
+    rows = {}
+    for effect, (on, reason) in _decisions(scene).items():
+        # What leaves finite strain out is the law that was asked for.
+        asked = effect is Effect.FINITE_STRAIN and not on
+        # What is not there costs nothing; what the rest would, nobody has tried yet.
+        costs: dict[Output, float] | None = None if on else {}
+        rows[effect] = PlannedEffect(effect=effect, on=on, reason=reason, costs=costs, asked=asked)
+    for effect, on in scene.effects:
+        called = rows[effect]
+        if on and not called.on and effect in _CANNOT_BE_ADDED:
+            raise ConfigError(
+                f"effect {effect.value} cannot be switched on: {called.reason}",
+                remedy=_CANNOT_BE_ADDED[effect],
+            )
+        if on != called.on:
+            reason = f"switched by the user; {called.reason}"
+            called = replace(called, on=on, reason=reason, costs=None)
+        rows[effect] = replace(called, asked=True)
+    return EffectPlan(rows={effect: rows[effect] for effect in Effect})
+
+
+def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
+    """Return whether a scene has each effect, and the reason."""
+    period_ms = 1e3 * estimates.slowest_period(scene)
+    depth_share = estimates.expected_depth(scene) / scene.pad.height_m
+    poisson = max(material.poisson for material in scene.materials)
+    is_convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
+    folds = not is_convex or depth_share > _SELF_CONTACT_DEPTH_SHARE
+    # With each effect the reason why it is simulated, and the one why it is not.
+    called_for = {
+        Effect.INERTIA: (
+            True,
+            f"the slowest period is {period_ms:.2g} ms, the press takes {scene.duration_s:g} s",
+            "",
+        ),
+        Effect.GRAVITY: (
+            True,
+            f"rho g H / E of the softest material is {estimates.weight_scale(scene):.2g}",
+            "",
+        ),
+        Effect.FRICTION: (
+            scene.contact is ContactMode.FRICTION and scene.friction != 0.0,
+            f"mu is {scene.friction:g}",
+            f"the contact is {scene.contact.value}",
+        ),
+        Effect.FINITE_STRAIN: (
+            LawName.LINEAR not in {material.law for material in scene.materials},
+            f"depth is {depth_share:.1%} of the pad's thickness",
+            "the law is linear",
+        ),
+        Effect.LOCKING_FREE_ELEMENT: (
+            scene.preset is not Preset.PAPER,
+            f"nu is {poisson:g}; linear tetrahedra lock above 0.4 and are poor below",
+            "preset paper has the paper's linear tetrahedra, which lock",
+        ),
+        Effect.SECOND_LAYER: (
+            len(scene.layers) > 1,
+            f"the gel has {len(scene.layers)} layers",
+            "the gel is of one material",
+        ),
+        Effect.VISCOELASTICITY: (
+            any(material.relaxation for material in scene.materials),
+            f"force above the slow modulus's at the end of {scene.duration_s:g} s",
+            "the material has no Prony series",
+        ),
+        Effect.SELF_CONTACT: (
+            False,
+            "",
+            "gel against gel is not simulated; min det F and the gap tell where it matters"
+            if folds
+            else "a convex pad under one convex indenter cannot touch itself",
+        ),
+        Effect.SYMMETRY: (
+            mirrors(scene).copies > 1,
+            "pad, indenter and motion are mirrored: a quarter or half is solved",
+            "no plane mirrors pad, indenter, motion and mesh",
+        ),
+    }
+    return {
+        effect: (on, why if on else why_not) for effect, (on, why, why_not) in called_for.items()
+    }

@@ -1,0 +1,338 @@
+"""The path of a scene's indenter with the effects of a plan, and the end of a press.
+
+A path goes on the scene's own mesh or on a coarser one. Load steps need a mesh only for their path;
+what a press is asked for is its end. The indenter goes its way on longer edges, and the end state
+is found on the scene's own mesh by one descent, from the other mesh's displacements and, with
+friction, from where its points hold on (nested iteration).
+"""
+
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import scipy
+
+from sim.contact.contact_surface import Grip, State
+from sim.effects.estimates import expected_depth, most_force
+from sim.effects.planned_effects import EffectPlan, full_plan
+from sim.effects.presets import build_model, regularised_indenter
+from sim.effects.press_outputs import PressOutputs, outputs_of
+from sim.mesh.elements import EDGES
+from sim.scene.indenter import tilted
+from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
+from sim.solve.equilibrium import SolverOptions, rough_reuse
+from sim.solve.force_search import find_force
+from sim.solve.load_steps import STEP_SHARE
+from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
+from sim.solve.weight_and_inertia import Inertia, weight
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.time_limits import doing
+
+# Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
+# thousandth of it, at most, and a load is then met no closer than that.
+_ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
+# What depends on the way that points slide or take hold. Where it is asked for, steps are so many
+# times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
+# 2.0 %, for 1.3 to 1.8 times the time.
+_PATH_DEPENDENT = {Output.SHEAR, Output.MARKERS}
+_PATH_DEPENDENT_STEPS = 4.0
+# So many steps at least, and as many as this over the tolerance. Gel under a ball 2 % deep moves
+# otherwise by 18 % in two steps than in sixty, by 4 % in ten and by 1.4 % in twenty.
+_STEPS_LEAST, _STEPS_BY_TOLERANCE = 10.0, 0.6
+# Time steps of a press, and of a motion, with inertia.
+TIME_STEPS = 60
+
+
+def path_for(
+    scene: Scene,
+    plan: EffectPlan,
+    *,
+    model: Model | None = None,
+    refinement: float = 1.0,
+    keeps_all: bool = False,
+    device: str = "cpu",
+) -> LoadingPath:
+    """Return the path that a scene's indenter will go, with the planned effects.
+
+    A model is reused; without one the scene is meshed, every edge ``refinement`` times shorter.
+
+    Raises:
+        ConfigError: The scene cannot be built, or its force is far beyond what the gel carries.
+    """
+    force_n = scene.target.force_n
+    if force_n is not None and force_n > most_force(scene):
+        raise ConfigError(
+            f"a force of {force_n:g} N is more than the gel can carry: by a coarse estimate less "
+            f"than {most_force(scene):.3g} N press the indenter to its base",
+            remedy="press with less force",
+        )
+    if model is None:
+        with doing("meshing"):
+            model = build_model(scene, plan=plan, refinement=refinement, device=device)
+    densities = np.array([material.density_kg_m3 for material in scene.materials])
+    density = densities[model.mesh.labels]
+    step_s = scene.duration_s / TIME_STEPS
+    return LoadingPath(
+        model,
+        regularised_indenter(scene, refinement=refinement),
+        scene.centre_m,
+        rotation=tilted(*scene.motion.tilt_rad),
+        step_max_m=_longest_step(scene, plan, height_m=model.height_m),
+        potential=weight(model, density) if plan.is_on(Effect.GRAVITY) else None,
+        inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
+        options=_options(scene),
+        reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
+        keeps_all=keeps_all,
+    )
+
+
+def _longest_step(scene: Scene, plan: EffectPlan, *, height_m: float) -> float:
+    """Return how far the indenter goes in a step at most [m]."""
+    longest, asked = STEP_SHARE * height_m, _PATH_DEPENDENT & scene.outputs
+    holds = scene.contact is ContactMode.BONDED or plan.is_on(Effect.FRICTION)
+    if not asked or not holds:
+        return longest
+    closest = min(plan.tolerances.get(output, 1.0) for output in asked)
+    steps = max(_STEPS_LEAST, _STEPS_BY_TOLERANCE / closest)
+    return min(longest / _PATH_DEPENDENT_STEPS, expected_depth(scene) / steps)
+
+
+def _options(scene: Scene) -> SolverOptions:
+    """Return how closely a scene's forces are to balance."""
+    if not scene.has_wide_barrier:
+        return SolverOptions()
+    if scene.tolerance is None:
+        return SolverOptions(residual_relative=_ROUGHLY)
+    share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
+    return SolverOptions(residual_relative=share, load_relative=share)
+
+
+def follow(scene: Scene, path: LoadingPath) -> PathPoint:
+    """Take the indenter to the scene's depth or force, then along its motion.
+
+    Returns:
+        The end; its stiffness is that of the way down, as what slides under a load sinks anyhow.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+        ConfigError: The depth is more than the gel has room for.
+    """
+    depth, force = scene.target.depth_m, scene.target.force_n
+    if depth is not None:
+        point = path.advance(depth, duration_s=scene.duration_s)
+    elif scene.drive is Drive.LOAD:
+        point = path.push(force or 0.0, duration_s=scene.duration_s)
+    else:
+        point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
+    motion = scene.motion
+    if any(motion.shift_m) or motion.twist_rad:
+        carried = path.carry(
+            shift_m=motion.shift_m,
+            twist_rad=motion.twist_rad,
+            hold=Hold.DEPTH if depth is not None else Hold.FORCE,
+            duration_s=scene.duration_s,
+        )
+        return replace(carried, stiffness_n_m=point.stiffness_n_m)
+    return point
+
+
+# Effects are tried on the scene's own press on longer edges, and errors estimated from it, which
+# costs a small part of it. How many times shorter the edges are, the coarsest first; preset paper
+# has but one mesh.
+COARSE_RATIOS: dict[Preset, tuple[float, ...]] = {
+    Preset.FAST: (0.5,),
+    Preset.BALANCED: (1.0 / 3.0, 0.5),
+    Preset.ACCURATE: (1.0 / 3.0, 0.5),
+    Preset.REFERENCE: (1.0 / 3.0, 0.5),
+    Preset.PAPER: (),
+}
+_KEPT = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoarsePress:
+    """A press on longer edges."""
+
+    ratio: float  # how many times shorter than the scene's its edges are
+    outputs: PressOutputs
+    processor_s: float  # what it cost [s]
+
+
+def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
+    """Press a scene with a plan's effects on longer edges, at most as short as its way's.
+
+    Raises:
+        RigError: It cannot be meshed or solved there.
+    """
+    # Without what does not change a press on given edges, so that more scenes share it.
+    bare = replace(scene, effects=plan.switches, tolerance=None, outputs=frozenset(), sensor="")
+    if scene.path_refinement is not None:
+        ratio = min(ratio, scene.path_refinement / scene.refinement)
+    return _pressed(replace(bare, path_refinement=None), ratio)
+
+
+def forget() -> None:
+    """Forget every coarse press, so that the next ones are timed."""
+    _pressed.cache_clear()
+
+
+class CoarsePath:
+    """A scene's path on edges ``ratio`` times shorter, pushed from force to force."""
+
+    def __init__(self, scene: Scene, plan: EffectPlan, ratio: float) -> None:
+        self._ratio = ratio
+        self._path = path_for(replace(scene, refinement=ratio * scene.refinement), plan)
+
+    def push(self, force_n: float) -> CoarsePress:
+        """Push on to a force [N]."""
+        started = time.process_time()
+        outputs = outputs_of(self._path, self._path.push(force_n))
+        spent = time.process_time() - started
+        return CoarsePress(ratio=self._ratio, outputs=outputs, processor_s=spent)
+
+
+@lru_cache(maxsize=_KEPT)
+def _pressed(scene: Scene, ratio: float) -> CoarsePress:
+    started = time.process_time()
+    coarse = replace(scene, refinement=ratio * scene.refinement)
+    plan = full_plan(coarse)
+    with doing("a coarse press, to choose effects and estimate errors"):
+        path = path_for(coarse, plan)
+        outputs = outputs_of(path, follow(coarse, path))
+    return CoarsePress(ratio=ratio, outputs=outputs, processor_s=time.process_time() - started)
+
+
+# Tetrahedra by their centres among which a point's own is looked for, and contact points that
+# another one takes what it holds on to from.
+_NEAR_TETS, _NEAR_POINTS = 12, 4
+# A distance that is none [m], and a weight.
+_SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
+# What a gel remembers of its whole way, so that no end state of another mesh would do.
+_MEMORIES = (Effect.INERTIA, Effect.VISCOELASTICITY)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndState:
+    """Where a press ends."""
+
+    path: LoadingPath  # on the scene's own mesh
+    point: PathPoint
+    # Outputs of the load-step mesh at the same depth or force; None if that is the scene's own mesh
+    way: PressOutputs | None = None
+    # Path on the load-step mesh, with all states if they are kept; None likewise
+    way_path: LoadingPath | None = None
+
+
+def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
+    """Return whether the load steps use another mesh than the end state."""
+    return (
+        scene.path_refinement is not None
+        and scene.contact is not ContactMode.BONDED
+        and plan.is_on(Effect.LOCKING_FREE_ELEMENT)
+        and not any(plan.is_on(effect) for effect in _MEMORIES)
+    )
+
+
+def way_of(scene: Scene) -> Scene:
+    """Return a scene on the mesh of its way."""
+    refinement = scene.path_refinement or scene.refinement
+    return replace(scene, refinement=refinement, path_refinement=None)
+
+
+def end_state(
+    scene: Scene,
+    plan: EffectPlan,
+    *,
+    model: Model | None = None,
+    options: SolverOptions | None = None,
+    device: str = "cpu",
+    keeps_all: bool = False,
+) -> EndState:
+    """Take a scene's indenter to its end.
+
+    Args:
+        model: Of the scene's own mesh; None makes it.
+        options: How closely forces are to balance; None is the scene's choice.
+        keeps_all: Keep every equilibrium on the way.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+        ConfigError: The scene cannot be built.
+    """
+    path = path_for(scene, plan, model=model, device=device, keeps_all=keeps_all)
+    path.options = options or path.options
+    if not has_own_way(scene, plan):
+        return EndState(path=path, point=follow(scene, path))
+    coarse = path_for(way_of(scene), plan, device=device, keeps_all=keeps_all)
+    try:
+        last = follow(way_of(scene), coarse)
+        point = carried_over(scene, coarse, last, path)
+    except ConvergenceError:
+        return EndState(path=path, point=follow(scene, path))
+    path.counts.newton_iterations += coarse.counts.newton_iterations
+    path.counts.wall_s += coarse.counts.wall_s
+    return EndState(path=path, point=point, way=outputs_of(coarse, last), way_path=coarse)
+
+
+def carried_over(
+    scene: Scene, coarse: LoadingPath, last: PathPoint, path: LoadingPath
+) -> PathPoint:
+    """Settle a path's last point on another mesh, at the same depth or at the scene's force.
+
+    Raises:
+        ConvergenceError: There is no equilibrium near it.
+    """
+    state = path.untouched(last.depth_m)
+    state.tip[:2], state.rotation = last.state.tip[:2], last.state.rotation.copy()
+    moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
+    moved[path.model.clamped] = 0.0
+    state.positions = path.unloaded + moved
+    state.grip = _taken_hold(coarse.model, last.state, path.model, state)
+    load_n = scene.target.force_n
+    return path.resume(state, load_n=load_n, stiffness_n_m=last.stiffness_n_m)
+
+
+def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> FloatArray:
+    """Return a quadratic model's nodal values at places in or beside its undeformed gel, [n, 3]."""
+    corners = model.nodes[model.elements[:, :4]]
+    to_shares = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    count = min(_NEAR_TETS, len(corners))
+    _, near = scipy.spatial.KDTree(corners.mean(axis=1)).query(places, k=count)
+    near = np.asarray(near).reshape(len(places), count)
+    inner = np.einsum("nkij,nkj->nki", to_shares[near], places[:, None] - corners[near, 0])
+    shares = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
+    own = shares.min(axis=2).argmax(axis=1)
+    rows = np.arange(len(places))
+    found = np.clip(shares[rows, own], 0.0, None)
+    found /= found.sum(axis=1, keepdims=True)
+    middles = [4.0 * found[:, a] * found[:, b] for a, b in EDGES]
+    shape = np.column_stack([found * (2.0 * found - 1.0), *middles])
+    return np.asarray(np.einsum("nk,nki->ni", shape, values[model.elements[near[rows, own]]]))
+
+
+def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip | None:
+    """Return what another mesh's points hold on to: as far off as those of the nearest points."""
+    free = other.surface.free_grip(moved.positions, moved.tip, moved.rotation)
+    if free is None or state.grip is None:
+        return None
+    rest, now = (
+        model.surface.points(nodes).reshape(-1, 3) for nodes in (model.nodes, state.positions)
+    )
+    away = state.grip.anchors.reshape(-1, 3) - (now - state.tip) @ state.rotation
+    held, loads = state.grip.held.reshape(-1), state.grip.loads.reshape(-1, 3)
+    places = other.surface.points(other.nodes).reshape(-1, 3)
+    distance, near = scipy.spatial.KDTree(rest).query(places, k=_NEAR_POINTS)
+    weight = held[near] / (distance + _SAME_PLACE_M) ** 2
+    weight /= np.maximum(weight.sum(axis=1, keepdims=True), _NOTHING)
+    own = held[near[:, 0]]
+    mixed_away, mixed_loads = (
+        (own[:, None] * np.einsum("nk,nki->ni", weight, each[near])).reshape(free.anchors.shape)
+        for each in (away, loads)
+    )
+    return Grip(
+        held=own.reshape(free.held.shape), anchors=free.anchors + mixed_away, loads=mixed_loads
+    )

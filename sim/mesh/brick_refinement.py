@@ -1,0 +1,254 @@
+"""Regular meshes of a box, their refinement to a sizing field, and the fit of their vertices.
+
+The regular meshes are of cells of six tetrahedra around a diagonal (Kuhn): halving the longest
+edges of such cells gives three shapes of tetrahedra and no others. An edge is halved when it is the
+longest of every tetrahedron around it, so that the mesh stays conforming; where it is not, the
+longer edges of those tetrahedra are halved first (Rivara 1997). The same mesh and field give the
+same result on every machine.
+
+Vertices are then moved onto the pad's top and onto the rim of the contact, where no element gets
+too flat. FTetWild leaves the top anywhere within its envelope: at a press of 0.5 mm, 30 um would be
+several per cent of the force. And an element that the rim of a punch crosses acts as if the punch
+were wider.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import scipy
+
+from sim.mesh.elements import boundary_faces
+from sim.mesh.mirror_symmetry import MirrorSymmetry
+from sim.mesh.tet_mesh import TetMesh, oriented, tet_volumes
+from sim.scene.pad import BoxPad, Pad, SurfacePad
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.time_limits import check_time
+
+_EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
+# An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
+_TOO_LONG = 1.5
+_TETS_MAX = 400_000
+# Of a sensor's mesh: edge length gained per depth below the surface.
+_SENSOR_SLOPE = 0.5
+
+
+def brick_mesh(
+    pad: BoxPad,
+    *,
+    spacing_m: float,
+    symmetry: MirrorSymmetry,
+    interface_shares: Sequence[float] = (),
+) -> TetMesh:
+    """Mesh a box, or the part that stands for the whole, by cells of at most ``spacing_m`` [m].
+
+    Args:
+        interface_shares: Of the height, where layers meet, rising.
+    """
+    half_x, half_y = pad.half_extents()
+    planes = np.array([0.0, *interface_shares, 1.0])
+    counts = [math.ceil(part * pad.height_m / spacing_m) for part in np.diff(planes)]
+    levels = np.interp(np.arange(sum(counts) + 1), np.cumsum([0, *counts]), planes)
+    axes = [
+        _evenly(0.0 if symmetry.mirror_x else -half_x, half_x, spacing_m),
+        _evenly(0.0 if symmetry.mirror_y else -half_y, half_y, spacing_m),
+        levels,
+    ]
+    cells = tuple(len(axis) - 1 for axis in axes)
+    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    vertices[:, 2] *= pad.height_at(vertices[:, 0], vertices[:, 1])
+    name = f"{cells[0]}x{cells[1]}x{cells[2]} cells"
+    tets, layers = kuhn_tets(cells), None
+    if len(interface_shares):
+        above = np.searchsorted(np.cumsum(counts), np.arange(cells[2]), side="right")
+        layers = above[tets.min(axis=1) % len(levels)].astype(np.int32)
+    mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry, layers=layers)
+    return oriented(mesh)
+
+
+def _evenly(first: float, last: float, spacing: float) -> FloatArray:
+    return np.linspace(first, last, math.ceil((last - first) / spacing) + 1)
+
+
+def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
+    """Return the tetrahedra of a grid of cells, shape [6 cell_count, 4], the last axis fastest."""
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    corners = np.stack(np.meshgrid(*[np.arange(n) for n in cells], indexing="ij"), axis=-1)
+    first = corners.reshape(-1, 3) @ strides
+    ways = [np.append(0, np.cumsum(strides[list(order)])) for order in permutations(range(3))]
+    return np.concatenate([first[:, None] + way for way in ways]).astype(np.int32)
+
+
+def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
+    """Halve edges until none is longer than 3/2 of the target length [m] at its middle."""
+    while True:
+        check_time()
+        ends, lengths, of_tets, longest = _edges(mesh)
+        middles = mesh.vertices[ends].mean(axis=1)
+        too_long = lengths > _TOO_LONG * size_at(middles)
+        if not too_long.any():
+            return mesh
+        mesh = _halved(mesh, ends, longest, middles, _wanted(of_tets, longest, too_long))
+        if len(mesh.tets) > _TETS_MAX:
+            raise ConfigError(
+                f"the mesh would have more than {_TETS_MAX} tetrahedra",
+                remedy="use a coarser preset, or larger mesh settings",
+            )
+
+
+def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
+    """Refine as if the top were flat: what halves an edge of a dome's top lies on the dome."""
+    if isinstance(pad, SurfacePad):
+        return bisected(base, size_at)
+
+    def share(points: FloatArray) -> FloatArray:
+        height = pad.height_at(points[:, 0], points[:, 1]) / pad.height_m
+        return np.column_stack([np.ones((len(points), 2)), height])
+
+    level = replace(base, vertices=base.vertices / share(base.vertices))
+    fine = bisected(level, lambda points: size_at(points * share(points)))
+    return replace(fine, vertices=fine.vertices * share(fine.vertices))
+
+
+def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float] = ()) -> TetMesh:
+    """Mesh a box, flat or domed, that any indenter may press anywhere: fine all over its top.
+
+    Args:
+        edge_m: Edge length at the surface [m]; a quadratic element has nodes at half of it.
+        interface_shares: Of the height, where layers meet, rising.
+
+    Raises:
+        ConfigError: It asks for more tetrahedra than can be solved for.
+    """
+    coarse_m = max(edge_m, pad.height_m)
+
+    def size_at(points: FloatArray) -> FloatArray:
+        depth = pad.height_at(points[:, 0], points[:, 1]) - points[:, 2]
+        return (edge_m + _SENSOR_SLOPE * depth).clip(max=coarse_m)
+
+    base = brick_mesh(
+        pad, spacing_m=coarse_m, symmetry=MirrorSymmetry(), interface_shares=interface_shares
+    )
+    mesh = bisected_level(base, pad, size_at)
+    # Flat faces between points of a dome lie below it: on average they are to lie on it.
+    top = pad.height_at(mesh.vertices[:, 0], mesh.vertices[:, 1])
+    ends = _edges(mesh)[0]
+    ends = ends[np.isclose(mesh.vertices[ends, 2], top[ends], rtol=0.0, atol=1e-9).all(axis=1)]
+    middles = mesh.vertices[ends].mean(axis=1)
+    below_m = np.mean(pad.height_at(middles[:, 0], middles[:, 1]) - middles[:, 2])
+    raised = mesh.vertices.copy()
+    raised[:, 2] *= 1.0 + below_m / top
+    return replace(mesh, vertices=raised, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
+
+
+def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
+    """Return the edges' ends and lengths [m], and every tetrahedron's edges and longest edge."""
+    count = len(mesh.vertices)
+    pairs = np.sort(mesh.tets[:, _EDGES].astype(np.int64), axis=2)
+    keys, of_tets = np.unique(pairs[..., 0] * count + pairs[..., 1], return_inverse=True)
+    of_tets = of_tets.reshape(-1, 6)
+    ends = np.column_stack([keys // count, keys % count])
+    lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    rank = np.empty(len(keys), dtype=np.int64)
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(keys))
+    place = np.argmax(rank[of_tets], axis=1)
+    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), place]
+
+
+def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:
+    """Return which edges are to be halved now, no two of one tetrahedron."""
+    marked = np.zeros(len(too_long), dtype=np.bool_)
+    reached = too_long[of_tets].any(axis=1)
+    while True:
+        marked[longest[reached]] = True
+        spread = marked[of_tets].any(axis=1)
+        if np.array_equal(spread, reached):
+            break
+        reached = spread
+    around = np.bincount(of_tets.reshape(-1), minlength=len(marked))
+    agreeing = np.bincount(longest, minlength=len(marked))
+    return np.asarray(marked & (around == agreeing))
+
+
+def _halved(
+    mesh: TetMesh, ends: IntArray, longest: IntArray, middles: FloatArray, wanted: BoolArray
+) -> TetMesh:
+    number = np.full(len(wanted), -1)
+    number[wanted] = len(mesh.vertices) + np.arange(int(wanted.sum()))
+    split = wanted[longest]
+    edge = longest[split]
+    parents = mesh.tets[split]
+    middle = number[edge][:, None].astype(np.int32)
+    first, second = ends[edge, :1], ends[edge, 1:]
+    children = [
+        np.where(parents == first, middle, parents),
+        np.where(parents == second, middle, parents),
+    ]
+    layers = mesh.layers
+    if layers is not None:
+        layers = np.concatenate([layers[~split], layers[split], layers[split]])
+    return replace(
+        mesh,
+        vertices=np.concatenate([mesh.vertices, middles[wanted]]),
+        tets=np.concatenate([mesh.tets[~split], *children]).astype(np.int32),
+        layers=layers,
+    )
+
+
+# Of its volume: what an element must keep when its vertices are moved.
+_FLAT_SHARE = 0.2
+_ROUNDS = 40
+_ON_TOP_M = 1e-9
+
+
+def with_top_fitted(mesh: TetMesh, pad: Pad, *, reach_m: float) -> TetMesh:
+    """Move the vertices within ``reach_m`` [m] of the pad's top onto it."""
+    outer, heights = _outer(mesh, pad)
+    at = mesh.vertices[outer]
+    near = (np.abs(at[:, 2] - heights) < reach_m) & (at[:, 2] > reach_m)
+    wanted = mesh.vertices.copy()
+    wanted[outer[near], 2] = heights[near]
+    return replace(mesh, vertices=_moved(mesh, wanted))
+
+
+def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float) -> TetMesh:
+    """Move the top's vertices within ``reach_m`` [m] of a rim onto it.
+
+    Its points [m], shape [count, 3], are much closer to each other than the vertices, and mirrored
+    by the planes that mirror the mesh.
+    """
+    if not len(rim):
+        return mesh
+    outer, heights = _outer(mesh, pad)
+    top = outer[np.abs(mesh.vertices[outer, 2] - heights) < _ON_TOP_M]
+    distance, nearest = scipy.spatial.cKDTree(rim).query(mesh.vertices[top])
+    near = distance < reach_m
+    wanted = mesh.vertices.copy()
+    wanted[top[near]] = rim[nearest[near]]
+    mirrored = [mesh.symmetry.mirror_x, mesh.symmetry.mirror_y, False]
+    wanted[:, mirrored] = np.abs(wanted[:, mirrored])
+    wanted[mesh.symmetry.on_plane(mesh.vertices, reach_m)] = 0.0
+    return replace(mesh, vertices=_moved(mesh, wanted))
+
+
+def _outer(mesh: TetMesh, pad: Pad) -> tuple[IntArray, FloatArray]:
+    """Return the vertices of the mesh's surface and the height of the pad there."""
+    outer = np.unique(boundary_faces(mesh.tets)[0])
+    return outer, pad.height_at(mesh.vertices[outer, 0], mesh.vertices[outer, 1])
+
+
+def _moved(mesh: TetMesh, wanted: FloatArray) -> FloatArray:
+    """Return the wanted vertices [m], without those moves that would flatten a tetrahedron."""
+    least = _FLAT_SHARE * tet_volumes(mesh.vertices, mesh.tets)
+    moved = wanted.copy()
+    for _ in range(_ROUNDS):
+        flat = mesh.tets[tet_volumes(moved, mesh.tets) < least]
+        if not len(flat):
+            return moved
+        travel = np.linalg.norm(moved - mesh.vertices, axis=1)
+        farthest = flat[np.arange(len(flat)), np.argmax(travel[flat], axis=1)]
+        moved[farthest] = mesh.vertices[farthest]
+    return mesh.vertices

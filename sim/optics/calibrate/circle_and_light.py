@@ -1,0 +1,471 @@
+"""What a ball press looks like through a photometric model, and the two things labels get wrong.
+
+Hand-clicked circles are off by a few pixels, and the light of a frame is not the light of the
+no-contact frame: both are estimated here. Automatic white balance and exposure change from frame to
+frame, and ambient light comes from one side: level and gradient over the image are estimated where
+the gel is not touched, and subtracted. At the ends of a camera's range a pixel tells only a bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+from scipy.optimize import least_squares, minimize
+
+from sim.optics.calibrate.ball_press import BallPress, Circle
+from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profiles, rest_slopes
+from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.nominal_optics import exponents_for, lamp_count_of
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.markers.marker_tracking import (
+    PrintedMarkers,
+    find_markers,
+    follow_markers,
+    hidden_by,
+)
+from sim.scene.scene import Preset
+from sim.sensor.camera_geometry import CameraGeometry
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    ImageArray,
+    IndexArray,
+    IntArray,
+)
+from tacauchy_rig.core.errors import ConfigError
+
+_LIGHT_ROUNDS = 3
+_LIGHT_OUTLIER_LEVELS = 10.0
+_DARKEST, _BRIGHTEST = 1, 254
+_TELLING = 251  # of a compressed range the last levels tell less than their noise
+BEYOND_RIM = 1.15
+_STRIDE = 4  # of the pixels along rows and columns that are used for fitting
+_FAR_FRACTION = 0.7
+_SKIRT_RADII = 2.3
+_OUTLIER_LEVELS = 15.0
+_CLICK_WEIGHT = 0.3
+_SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
+_SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
+# Of a contact that nobody has labelled:
+_SMOOTHING_PX = 2.0
+_RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball
+_FAINTEST_LEVELS = 4.0
+_STRONG_QUANTILE = 0.97  # of the changes, where a search for the contact starts
+_LEAST_EXPLAINED = 0.3  # of the changes' variance
+
+
+def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
+    """Evaluate a frame's light, shape [n, 3], at normalised pixel positions, shape [2, n].
+
+    It is the level, and the change from the middle to the right and to the bottom border, of red,
+    green and blue [grey levels], shape [3, 3].
+    """
+    return np.asarray(light[0] + position.T @ light[1:])
+
+
+def _fit_light(seen: SeenChange, position: FloatArray, *, level_only: bool) -> FloatArray:
+    """Fit the plane of ``light_at``, bounding outliers.
+
+    A part of the image fixes no gradient: ``level_only``.
+    """
+    terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
+    light = []
+    for change, known in zip(seen.change.T, seen.exposed.T, strict=True):
+        weight = known.astype(np.float64)
+        for _ in range(_LIGHT_ROUNDS):
+            weighted = (terms * weight[:, None]).T
+            plane = np.linalg.lstsq(weighted @ terms, weighted @ change, rcond=None)[0]
+            weight = known / (1.0 + ((change - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
+        light.append(plane)
+    return np.stack(light, axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenChange:
+    """How pixels differ from the no-contact frame."""
+
+    change: FloatArray  # red, green, blue [grey levels], shape [n, 3]
+    over: BoolArray  # true where the pixel is at the top of its range: the change is at least this
+    under: BoolArray  # true where it is at the bottom: the change is at most this
+
+    @property
+    def exposed(self) -> BoolArray:
+        """True where the change is known, shape [n, 3]."""
+        return ~(self.over | self.under)
+
+    def misfit(self, predicted: FloatArray) -> FloatArray:
+        """Return predicted minus seen change, zero where a clipped pixel allows it, [n, 3]."""
+        off = predicted - self.change
+        off = np.where(self.over, np.minimum(off, 0.0), off)
+        return np.where(self.under, np.maximum(off, 0.0), off)
+
+
+def seen_change(
+    levels: ImageArray, expected: FloatArray, response: Response = LINEAR
+) -> SeenChange:
+    """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
+    top = _TELLING if response.bends else _BRIGHTEST
+    light = response.light(np.minimum(levels, top).astype(np.float64))
+    return SeenChange(
+        change=light - response.light(expected), over=levels >= top, under=levels <= _DARKEST
+    )
+
+
+def light_weights(levels: ImageArray, response: Response) -> FloatArray:
+    """Return grey levels per unit of light of pixels, shape [n, 3]."""
+    return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
+
+
+def exposed(levels: ImageArray) -> BoolArray:
+    """Return True where pixels are inside the camera's range, same shape."""
+    return (levels > _DARKEST) & (levels < _BRIGHTEST)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedPress:
+    """A press as it was labelled, with what was found of it."""
+
+    press: BallPress
+    circle: Circle  # its contact's edge, labelled or nudged
+    light: FloatArray  # of its frame [grey levels], as ``light_at`` has it, shape [3, 3]
+    motion: GelMotion | None = None  # how ball and image were moved; None where no marker tells
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressScene:
+    """Camera, no-contact frame and gel that all presses of a set share."""
+
+    geometry: CameraGeometry
+    # No-contact frame without its markers, RGB levels as float, shape [height, width, 3]
+    background: FloatArray
+    profile: GelProfile
+    exponents: IntArray
+    markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
+    # dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width]; None is level
+    # gel
+    rest_slope: FloatArray | None = None
+    lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
+
+    def over(self, unloaded: ImageArray) -> PressScene:
+        """Return the scene over another no-contact frame, RGB."""
+        markers = find_markers(unloaded)
+        bare = unloaded if markers is None else markers.bare
+        return replace(self, background=bare.astype(np.float64), markers=markers)
+
+    @property
+    def aspect(self) -> float:
+        """Height of the image over its width."""
+        height, width = self.background.shape[:2]
+        scale = self.geometry.scale_y_m / self.geometry.scale_x_m
+        return float((height - 1) * scale / (width - 1))
+
+    def surface(self, circle: Circle, columns: AnyArray, rows: AnyArray) -> FloatArray:
+        """Return tilt (2), indentation [m] and curvature [1/m] of the gel at pixels, shape [4, n].
+
+        On a slope of the gel the ball touches beside its axis, so that the contact is the one on
+        level gel leaned with the slope: the profile adds to the slope at rest.
+        """
+        dx = (columns - circle.x_px) * self.geometry.scale_x_m
+        dy = (rows - circle.y_px) * self.geometry.scale_y_m
+        r = np.hypot(dx, dy)
+        profile = self.profile(circle.radius_px * self.geometry.mean_scale_m)
+        outward = np.interp(r, profile.radius_m, profile.tilt, right=0.0) / np.maximum(r, 1e-12)
+        indentation = np.interp(r, profile.radius_m, profile.indentation_m, right=0.0)
+        curvature = profile.curvature(r, width_m=self.geometry.mean_scale_m)
+        tilt = np.stack([dx * outward, dy * outward])
+        if self.rest_slope is not None:
+            upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
+            tilt = _tilt_of(tilt / upright + _slope_at(self.rest_slope, columns, rows))
+        return np.stack([*tilt, indentation, curvature])
+
+    def at_rest(self, columns: AnyArray, rows: AnyArray) -> FloatArray | None:
+        """Return ``surface`` of the unloaded gel at pixels; None where it is level."""
+        if self.rest_slope is None:
+            return None
+        tilt = _tilt_of(_slope_at(self.rest_slope, columns, rows))
+        return np.concatenate([tilt, np.zeros_like(tilt)])
+
+    def pressed_image(self, circle: Circle) -> FloatArray:
+        """Return ``surface`` of the whole image, shape [4, height, width]."""
+        rows, columns = self._lattice(1)
+        return self.surface(circle, columns, rows).reshape(4, *self.background.shape[:2])
+
+    def reach_px(self, circle: Circle) -> float:
+        """Return how far from a contact's centre the gel moves [px]."""
+        geometry = self.geometry
+        profile = self.profile(circle.radius_px * geometry.mean_scale_m)
+        scale_m = min(geometry.scale_x_m, geometry.scale_y_m)
+        return float(profile.radius_m[-1]) / scale_m + 1.0
+
+    def whole_image(self, model: PhotometricModel) -> PredictedPixels:
+        """Return all pixels, row after row, made ready to be predicted."""
+        rows, columns = self._lattice(1)
+        return PredictedPixels(self, model, columns, rows)
+
+    def frame_light_image(self, light: FloatArray) -> FloatArray:
+        """Return a frame's light everywhere, shape [height, width, 3]."""
+        rows, columns = self._lattice(1)
+        return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
+
+    @property
+    def frame(self) -> FloatArray:
+        """The no-contact frame with its markers, as float, shape [height, width, 3]."""
+        return self.background if self.markers is None else self.markers.over(self.background)
+
+    def normalised(self, columns: AnyArray, rows: AnyArray) -> FloatArray:
+        """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
+        height, width = self.background.shape[:2]
+        return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
+
+    def pixels_around(self, press: BallPress) -> tuple[IndexArray, IndexArray]:
+        """Return rows and columns of the fitting lattice in a press's contact and skirt."""
+        rows, columns = self._lattice(_STRIDE)
+        near = press.circle.distance(columns, rows) < _SKIRT_RADII * press.circle.radius_px
+        near &= press.shown[rows, columns]
+        return rows[near], columns[near]
+
+    def _lattice(self, stride: int) -> tuple[IndexArray, IndexArray]:
+        height, width = self.background.shape[:2]
+        rows, columns = np.mgrid[:height:stride, :width:stride]
+        return rows.ravel(), columns.ravel()
+
+    def expected(self, rows: IndexArray, columns: IndexArray, light: FloatArray) -> FloatArray:
+        """Return levels of a frame's unloaded gel at pixels of the image, shape [n, 3]."""
+        position = self.normalised(columns, rows)
+        return np.asarray(self.background[rows, columns] + light_at(light, position))
+
+    def followed(self, press: BallPress) -> BallPress:
+        """Return a press with its markers followed, and where they hide the gel."""
+        if self.markers is None:
+            return press
+        tracks = follow_markers(self.markers, press.image)
+        return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
+
+    def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
+        """Estimate the frame's light, as ``light_at`` has it, outside the contact.
+
+        A model explains the skirt; without one, the farthest pixels are taken to be level.
+        """
+        rows, columns = self._lattice(_STRIDE)
+        distance = circle.distance(columns, rows)
+        edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
+        outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
+        outside &= press.shown[rows, columns]
+        rows, columns = rows[outside], columns[outside]
+        seen = seen_change(press.image[rows, columns], self.background[rows, columns])
+        if model is not None:
+            moved = distance[outside] < self.reach_px(circle)
+            pixels = PredictedPixels(self, model, columns[moved], rows[moved])
+            seen.change[moved] -= pixels.predict(circle)
+        return _fit_light(seen, self.normalised(columns, rows), level_only=model is None)
+
+    def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
+        """Move a circle to where the model explains the image best.
+
+        Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
+        """
+        circle = placed.press.circle
+        label = np.array([circle.x_px, circle.y_px, circle.radius_px])
+        rows, columns = self.pixels_around(placed.press)
+        expected = self.expected(rows, columns, placed.light)
+        seen = seen_change(placed.press.image[rows, columns], expected)
+        pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
+        pixels = PredictedPixels(self, model, columns, rows)
+
+        def moved(move: FloatArray) -> Circle:
+            x, y, radius = (label + move).tolist()
+            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
+
+        def residual(move: FloatArray) -> FloatArray:
+            misfit = seen.misfit(pixels.predict(moved(move))).ravel()
+            bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
+            return np.concatenate([bounded, pull * move])
+
+        found = least_squares(
+            residual,
+            np.array(placed.circle.moved_from(circle)),
+            diff_step=1e-2,
+            ftol=_SETTLED_MISFIT,
+            xtol=_SETTLED_SHARE,
+            max_nfev=10,
+        )
+        return moved(found.x)
+
+
+def _tilt_of(slope: FloatArray) -> FloatArray:
+    return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
+
+
+def _slope_at(slope: FloatArray, columns: AnyArray, rows: AnyArray) -> FloatArray:
+    return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+
+
+class PredictedPixels:
+    """Pixels of a scene, columns and rows of shape [n], through a model, whatever is pressed."""
+
+    def __init__(
+        self, scene: PressScene, model: PhotometricModel, columns: IndexArray, rows: IndexArray
+    ) -> None:
+        self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
+        self._position = scene.normalised(columns, rows)
+        self._light = np.asarray(model.response.light(scene.background[rows, columns]), np.float64)
+        rest = scene.at_rest(columns, rows)
+        self._rest_change = None if rest is None else self._modelled(rest, self._position)
+
+    def light_change(self, circle: Circle) -> FloatArray:
+        """Return the model's change of light over its reference, shape [n, 3]."""
+        found = np.zeros_like(self._light)
+        moved, change = self._moved(circle)
+        found[moved] = change
+        return found
+
+    def predict(self, circle: Circle) -> FloatArray:
+        """Return the model's colour change [grey levels], shape [n, 3]."""
+        found = np.zeros_like(self._light)
+        moved, change = self._moved(circle)
+        light, response = self._light[moved], self._model.response
+        loaded = light + self._model.gain(light) * change
+        found[moved] = response.levels(loaded) - response.levels(light)
+        return found
+
+    def _moved(self, circle: Circle) -> tuple[IndexArray, FloatArray]:
+        """Return which pixels see gel that the contact moves, and how their light changes."""
+        distance = circle.distance(self._columns, self._rows)
+        moved = np.flatnonzero(distance < self._scene.reach_px(circle))
+        gel = self._scene.surface(circle, self._columns[moved], self._rows[moved])
+        change = self._modelled(gel, self._position[:, moved])
+        return moved, change if self._rest_change is None else change - self._rest_change[moved]
+
+    def _modelled(self, gel: FloatArray, position: FloatArray) -> FloatArray:
+        return np.asarray(self._model.evaluate(gel[:2], position, gel[2], gel[3]).T, np.float64)
+
+
+def pressed_scene(
+    sensor: Sensor,
+    unloaded: ImageArray,
+    geometry: CameraGeometry,
+    *,
+    ball_diameter_m: float,
+    preset: Preset = Preset.FAST,
+    on_press: Callable[[int], None] = lambda _: None,
+) -> PressScene:
+    """Press the ball in the simulator, and put camera, no-contact frame and gel together.
+
+    Raises:
+        ConfigError: The sensor's renderer cannot be calibrated.
+        ConvergenceError: As ``ball_profiles``.
+    """
+    exponents = exponents_for(sensor)  # before anything is simulated
+    return PressScene(
+        exponents=exponents,
+        lamp_count=lamp_count_of(sensor),
+        geometry=geometry,
+        background=unloaded.astype(np.float64),
+        profile=ball_profiles(
+            sensor, ball_diameter_m=ball_diameter_m, preset=preset, on_press=on_press
+        ),
+        rest_slope=rest_slopes(sensor.pad, geometry),
+    ).over(unloaded)
+
+
+def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> str | None:
+    """Return what contradicts a press's label; None where its image shows the contact there.
+
+    A contact that contradicts it is farther away than the label's radius.
+    """
+    change, label = _ContactChange(press, scene), press.circle
+    if label.distance(*change.start) < label.radius_px:
+        return None
+    found, explained = change.search(ball_radius_m)
+    as_labelled = change.explained(label)
+    is_near = label.distance(found.x_px, found.y_px) < label.radius_px
+    if is_near or explained < _LEAST_EXPLAINED or explained < 2.0 * as_labelled:
+        return None
+    return (
+        f"{press.name} was left out: its label says column {label.x_px:.0f}, row "
+        f"{label.y_px:.0f}, radius {label.radius_px:.0f} px, but the image shows the contact "
+        f"at {found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px, which "
+        f"explains {explained:.0%} of the change of colour, the label "
+        f"{max(as_labelled, 0.0):.0%}; correct the label"
+    )
+
+
+def find_circle(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> Circle:
+    """Find the contact by how strongly the colour changes, whatever the lights' colours are.
+
+    Coloured lights from several sides change the colour about in proportion to the surface's tilt;
+    the tilt that the gel would have around each candidate circle is fitted to the change.
+
+    Raises:
+        ConfigError: The image shows no contact.
+    """
+    change = _ContactChange(press, scene)
+    found, explained = change.search(ball_radius_m)
+    height, width = press.image.shape[:2]
+    largest = ball_radius_m / scene.geometry.mean_scale_m
+    inside = 0.0 <= found.x_px < width and 0.0 <= found.y_px < height
+    inside &= 1.0 < found.radius_px < largest
+    if not inside or change.strongest < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
+        raise ConfigError(
+            f"{press.name} shows no contact of a ball that can be found",
+            remedy="remove the image, or give its circle in a table: --circles circles.csv",
+        )
+    return found
+
+
+class _ContactChange:
+    """How strongly the colour of an image changes, and which contact explains that.
+
+    Attributes:
+        start: Column and row of the middle of the strongest changes [px].
+        strongest: Of the changes [grey levels].
+    """
+
+    def __init__(self, press: BallPress, scene: PressScene) -> None:
+        known = press.shown
+        change = press.image - scene.background
+        change = change - np.median(change[known], axis=0)  # that of the frame's light
+        weight = ndimage.gaussian_filter(known.astype(np.float64), _SMOOTHING_PX)
+        smooth = ndimage.gaussian_filter(
+            np.where(known[..., None], change, 0.0), (_SMOOTHING_PX, _SMOOTHING_PX, 0.0)
+        )
+        smooth = smooth / np.maximum(weight, 1e-3)[..., None]
+        rows, columns = np.nonzero(known[::_STRIDE, ::_STRIDE])
+        self._y, self._x = rows * float(_STRIDE), columns * float(_STRIDE)
+        seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2)[rows, columns]
+        strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
+        self._seen, self.strongest = seen - seen.mean(), float(seen.max())
+        self.start = np.median(self._x[strong]), np.median(self._y[strong])
+        self._gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
+
+    def explained(self, circle: Circle) -> float:
+        """Return which share of the changes' variance the gel's tilt around a contact explains."""
+        tilt = np.hypot(*self._gel.surface(circle, self._x, self._y)[:2])
+        tilt = tilt - tilt.mean()
+        gain = max(float(tilt @ self._seen) / max(float(tilt @ tilt), 1e-12), 0.0)
+        left = float(np.mean((self._seen - gain * tilt) ** 2))
+        return 1.0 - left / max(float(np.var(self._seen)), 1e-12)
+
+    def search(self, ball_radius_m: float) -> tuple[Circle, float]:
+        """Return the contact that explains most, and how much it does."""
+
+        def circle(parameters: FloatArray) -> Circle:
+            x, y, radius = parameters.tolist()
+            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
+
+        scale = self._gel.geometry.mean_scale_m
+        searches = [
+            minimize(
+                lambda place: -self.explained(circle(place)),
+                [*self.start, share * ball_radius_m / scale],
+                method="Nelder-Mead",
+            )
+            for share in _RADII
+        ]
+        found = min(searches, key=lambda search: float(search.fun))
+        return circle(found.x), -float(found.fun)

@@ -1,0 +1,228 @@
+"""Calibration of the photometric model, and of the no-contact frame, from ball presses."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from sim.optics.calibrate import photometric_least_squares as fitting
+from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
+from sim.optics.calibrate.circle_and_light import (
+    BEYOND_RIM,
+    PlacedPress,
+    PredictedPixels,
+    PressScene,
+    exposed,
+    light_weights,
+    seen_change,
+)
+from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
+from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
+from sim.sensor.lamps_and_optics import ShadowCaster
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+_ROUNDS = 3  # how often circles are nudged and the model is fitted again
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What a set of presses gave."""
+
+    model: PhotometricModel
+    # The scene with the no-contact frame averaged over all frames, which has less noise
+    scene: PressScene
+    circles: tuple[Circle, ...]  # nudged circles, in the order of the presses
+    # Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``
+    lights: FloatArray
+    # What the dents hide from the lamps; None where the sensor shows no shadows
+    shadows: ShadowCaster | None = None
+    blur_px: float = 0.0  # standard deviation of the camera's blur [px]
+    motion: MotionModel = ORTHOGRAPHIC
+
+    def placed(self, presses: Sequence[BallPress]) -> list[PlacedPress]:
+        """Return the presses that it was made of where they were found, in their light."""
+        found = zip(presses, self.circles, self.lights, strict=True)
+        return [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
+
+
+def calibrate_optics(
+    presses: Sequence[BallPress], scene: PressScene, start: Calibration | None = None
+) -> Calibration:
+    """Fit model, circles, light and no-contact frame by turns, or once more from a ``start``.
+
+    Raises:
+        ConfigError: There is no press, or one has another size than the no-contact frame.
+    """
+    if not presses:
+        raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
+    check_presses_fit(presses, scene.background.astype(np.uint8))
+    if start is None:
+        placed = [
+            PlacedPress(
+                press=press, circle=press.circle, light=scene.light(press, press.circle, None)
+            )
+            for press in presses
+        ]
+        averaged, rounds = scene, _ROUNDS
+        model = fit_model(placed, scene)
+    else:
+        placed, averaged, rounds = start.placed(presses), start.scene, 1
+        model = fit_model(placed, averaged, start.model)
+    for turn in range(rounds):
+        for i, each in enumerate(placed):
+            lit = replace(each, light=averaged.light(each.press, each.circle, model))
+            placed[i] = replace(lit, circle=averaged.nudged(lit, model))
+        averaged = replace(scene, background=averaged_no_contact(placed, model, scene))
+        model = fit_model(placed, averaged, model)
+        log.debug("calibration round %d of %d done", turn + 1, rounds)
+    return Calibration(
+        model=model,
+        scene=averaged,
+        circles=tuple(each.circle for each in placed),
+        lights=np.array([each.light for each in placed]),
+    )
+
+
+def fit_model(
+    placed: Sequence[PlacedPress],
+    scene: PressScene,
+    known: PhotometricModel | None = None,
+    *,
+    blur_px: float = 0.0,
+) -> PhotometricModel:
+    """Fit response, lamps, ridge and coefficients where circles and lights are known.
+
+    The search starts at an earlier model; without one the camera is taken to be linear and the
+    ridge is the usual one. The camera's blur is not the gel's; with one the response is known.
+    """
+    pressed = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
+    polynomial = [each.samples.polynomial(scene.exponents) for each in pressed]
+
+    def features(terms: ShadingTerms | None) -> list[FloatArray]:
+        pairs = zip(polynomial, pressed, strict=True)
+        return [np.concatenate([values, each.samples.shading(terms)]) for values, each in pairs]
+
+    def fitted(
+        stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
+    ) -> PhotometricModel:
+        return fitting.fit_photometric(
+            [each.through(response, stand_in) for each in pressed],
+            exponents=scene.exponents,
+            features=features(terms),
+            ridge=ridge,
+            terms=terms,
+            response=response,
+            reference=fitting.REFERENCE,
+        )
+
+    response, terms, ridge = LINEAR, None, fitting.RIDGE if known is None else None
+    if known is not None:
+        terms, response = known.terms, known.response
+        if blur_px == 0.0:
+            response = fitting.fit_response(
+                lambda tried: [each.through(tried) for each in pressed],
+                features(terms),
+                brightest=max(each.brightest for each in pressed),
+            )
+        if response != known.response:
+            # Its light is not comparable with that of another response: begin anew.
+            known = fitted(None, terms, fitting.RIDGE)
+    if scene.lamp_count:
+        terms = fitting.fit_terms(
+            fitting.joined([each.through(response, known) for each in pressed]),
+            lamp_count=scene.lamp_count,
+            aspect=scene.aspect,
+            start=terms,
+        )
+    return fitted(known, terms, ridge)
+
+
+def averaged_no_contact(
+    placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene
+) -> FloatArray:
+    """Average the no-contact frame over all frames outside their contacts [grey levels].
+
+    One frame has a camera's noise of one or two grey levels in every pixel, which a rendering over
+    it would repeat; each press shows most of the gel as well, once its light and skirt are off.
+    """
+    height, width = scene.background.shape[:2]
+    rows, columns = np.mgrid[:height, :width]
+    total = scene.background.astype(np.float64)
+    count = np.ones((height, width, 3))
+    pixels = scene.whole_image(model)
+    for each in placed:
+        image, circle = each.press.image, each.circle
+        change = pixels.predict(circle).reshape(total.shape)
+        level = image - scene.frame_light_image(each.light) - change
+        outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
+        known = (outside & each.press.shown)[..., None] & exposed(image)
+        total += np.where(known, level, 0.0)
+        count += known
+    return np.asarray(total / count)
+
+
+class PressSamples:
+    """Pixels around a contact; their surface is the same through every camera's response.
+
+    Attributes:
+        samples: Their surface, its colours not known yet.
+        rows, columns: Which they are, shape [n].
+        unloaded: Levels of the no-contact frame there, shape [n, 3].
+        brightest: Level that nearly none of them exceeds.
+    """
+
+    def __init__(self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0) -> None:
+        circle, image = placed.circle, placed.press.image
+        rows, columns = scene.pixels_around(placed.press)
+        self._scene, self._circle, self.rows, self.columns = scene, circle, rows, columns
+        self.unloaded = scene.background[rows, columns]
+        self._levels = image[rows, columns]
+        self.brightest = float(np.quantile(self._levels, fitting.BRIGHT_QUANTILE))
+        self._expected = scene.expected(rows, columns, placed.light)
+        surface, shares = [scene.surface(circle, columns, rows)], [1.0]
+        if blur_px > 0.0:
+            # Four points around a pixel, whose mean a Gaussian blur is to third order.
+            height, width = image.shape[:2]
+            for right, down in product((-blur_px, blur_px), repeat=2):
+                x = np.clip(columns + right, 0.0, width - 1.0)
+                y = np.clip(rows + down, 0.0, height - 1.0)
+                surface.append(scene.surface(circle, x, y))
+            shares = [0.0, *[0.25] * 4]
+        if (rest := scene.at_rest(columns, rows)) is not None:
+            surface.append(rest)
+            shares.append(-1.0)
+        unknown = np.zeros_like(self._expected.T)
+        self.samples = fitting.PhotometricSamples(
+            surface=np.stack(surface),
+            shares=tuple(shares),
+            position=scene.normalised(columns, rows),
+            change=unknown,
+            weights=unknown,
+        )
+
+    def through(
+        self, response: Response, model: PhotometricModel | None = None
+    ) -> fitting.PhotometricSamples:
+        """Return the samples with the light that the camera saw.
+
+        A model stands in for pixels that are too bright or too dark for the camera; without one
+        they do not count.
+        """
+        seen = seen_change(self._levels, self._expected, response)
+        gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
+        change, weights = seen.change, gain * light_weights(self._levels, response)
+        if model is None:
+            weights *= seen.exposed
+        else:
+            lost = np.flatnonzero(~seen.exposed.all(axis=1))
+            pixels = PredictedPixels(self._scene, model, self.columns[lost], self.rows[lost])
+            predicted = change.copy()
+            predicted[lost] = gain[lost] * pixels.light_change(self._circle)
+            change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it
+        return replace(self.samples, change=(change / gain).T, weights=weights.T)

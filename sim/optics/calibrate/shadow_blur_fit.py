@@ -1,0 +1,415 @@
+"""Calibration of a sensor's optics from ball presses: colours, shadows where it has any, blur.
+
+Colours and shadows are separated by turns: the residual of the smooth model of slopes is searched
+for shadows of the lamps that the sensor's file names, and the model is fitted again to the presses
+without those.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any
+
+import cv2
+import numpy as np
+from pydantic import TypeAdapter
+
+from sim.optics.calibrate.ball_press import BallPress, Circle
+from sim.optics.calibrate.circle_and_light import PlacedPress, PredictedPixels, PressScene, exposed
+from sim.optics.calibrate.colour_fit import Calibration, PressSamples, calibrate_optics, fit_model
+from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
+from sim.optics.calibrate.photometric_least_squares import (
+    REFERENCE,
+    fit_photometric,
+    joined,
+    lowest_place,
+)
+from sim.optics.markers.marker_tracking import find_markers
+from sim.optics.render.shadows import darkening, lost_share
+from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
+
+SHADOWS, BLUR_PX = "shadows", "blur_px"  # their names in a calibration's provenance
+_EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
+_LOOKED_AT = 10  # deepest presses; their shadows are the longest
+_COARSE = 2  # pixels along rows and columns that are taken together
+_DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
+_KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
+_NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
+# In turn: of azimuth [rad] and of the logarithms of elevation, distance, a quarter of the spread
+_ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
+_LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
+# Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
+_SOFTNESS_M, _SPREAD = 2e-5, 0.1
+_BLUR_TURNS = 4
+_SETTLED_PX = 0.05
+_TRIED_PX = np.arange(0.0, 4.6, 0.5)
+_MARGIN_PX = 10
+_REACH = 1.4  # radii of the contact that are looked at
+_STILL_RADII = 2.3  # from where markers look as they do at rest
+
+
+def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = None) -> FloatArray:
+    """Return a press over the no-contact frame [grey levels], shape [height, width, 3].
+
+    Shadows and colours change the light, the lens blurs it, the camera's response shows it, and
+    markers take their share of it where the gel has carried them.
+    """
+    scene, model = found.scene, found.model
+    light = model.response.light(scene.background)
+    change = scene.whole_image(model).light_change(circle).reshape(light.shape)
+    if found.shadows is not None:
+        change = change + _darkened(found.shadows, scene, circle)
+    change = _blurred(change * model.gain(light), found.blur_px)
+    levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
+    if scene.markers is None:
+        return levels
+    return scene.markers.over(levels, gel_motion(found, circle, motion))
+
+
+def gel_motion(found: Calibration, circle: Circle, motion: GelMotion | None) -> Float32Array:
+    """Return by how much the gel that pixels see has moved [px], shape [2, height, width]."""
+    coarse = found.scene.geometry.refined(1.0 / _EVERY_PX)
+    rows, columns = np.mgrid[: coarse.height + 1, : coarse.width + 1].astype(np.float64)
+    places = _EVERY_PX * (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) - 0.5
+    shared, own = motion_terms(circle, found.scene.profile, found.scene.geometry, places)
+    moved = np.tensordot(found.motion.factors, shared, axes=1)
+    if motion is not None:
+        moved = moved + np.tensordot(motion.own_px, own, axes=1)
+    size = (_EVERY_PX * columns.shape[1], _EVERY_PX * rows.shape[0])
+    planes = moved.astype(np.float32).T.reshape(2, *rows.shape)
+    fine = np.stack([cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in planes])
+    return fine[:, : found.scene.geometry.height, : found.scene.geometry.width]
+
+
+def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Return a calibration that knows how markers move, and has their print from all frames."""
+    scene, markers = found.scene, found.scene.markers
+    placed = [each for each in found.placed(presses) if each.press.tracks is not None]
+    if markers is None or not placed:
+        return found
+    tracks = [each.press.tracks for each in placed if each.press.tracks is not None]
+    circles = [each.circle for each in placed]
+    model, motions = fit_motions(tracks, circles, scene.profile, scene.geometry)
+    found, total = replace(found, motion=model), markers.frame.astype(np.float64)
+    count = np.ones(total.shape[:2])
+    rows, columns = np.mgrid[: total.shape[0], : total.shape[1]]
+    for each, motion in zip(placed, motions, strict=True):
+        still = each.circle.distance(columns, rows) > _STILL_RADII * each.circle.radius_px
+        x, y = np.stack([columns, rows]).astype(np.float32) + gel_motion(found, each.circle, motion)
+        level = each.press.image - scene.frame_light_image(each.light)
+        seen = cv2.remap(level, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        total += still[..., None] * seen
+        count += still
+    frame = np.clip(np.rint(total / count[..., None]), 0, 255).astype(np.uint8)
+    return replace(found, scene=replace(scene, markers=find_markers(frame) or markers))
+
+
+def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> BallPress:
+    """Return the press with the light that its dent took away."""
+    if found.shadows is None:
+        return press
+    gain = found.model.gain(found.model.response.light(found.scene.background))
+    taken = _blurred(_darkened(found.shadows, found.scene, circle) * gain, found.blur_px)
+    image = np.clip(np.rint(press.image - taken), 0, 255)
+    return replace(press, image=image.astype(np.uint8))
+
+
+def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[PlacedPress]:
+    """Return presses that a calibration was made of with the light that their dents took away."""
+    return [
+        replace(each, press=without_shadows(each.press, each.circle, found))
+        for each in found.placed(presses)
+    ]
+
+
+def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
+    """Return the light that a press takes away over the model's reference, [height, width, 3]."""
+    gel = scene.pressed_image(circle).astype(np.float32)
+    return darkening(shadows, gel[2], gel[:2], scene.geometry).transpose(1, 2, 0)
+
+
+def _blurred(light: RealArray, blur_px: float) -> FloatArray:
+    """Return light as a camera of this blur [px] sees it, same shape."""
+    seen = cv2.GaussianBlur(light, (0, 0), blur_px) if blur_px > 0.0 else light
+    return np.asarray(seen, dtype=np.float64)
+
+
+def calibrate_with_shadows(
+    presses: Sequence[BallPress], scene: PressScene, nominal: ShadowCaster
+) -> Calibration:
+    """Fit colours, place, size, softness and colour of the lamps' shadows, and the blur.
+
+    The search starts at the lamps of the sensor's file, or at others all around the gel where those
+    explain more.
+    """
+    found = calibrate_optics(presses, scene)
+    shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
+    for steps in _ROUNDS:
+        shadows = _fitted(presses, found, shadows, steps)
+        known = replace(found, shadows=shadows)
+        lit = [each.press for each in lit_presses(presses, known)]
+        known = replace(calibrate_optics(lit, scene, found), shadows=shadows, blur_px=found.blur_px)
+        found = _coloured(presses, with_blur(presses, known))
+    return found
+
+
+def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Fit the colours of slopes and of shadows together, where lamps and contacts are known."""
+    scene, model, shadows = found.scene, found.model, found.shadows
+    if shadows is None or model.terms is None:
+        return found
+    seen, features = [], []
+    for each in found.placed(presses):
+        pressed = PressSamples(scene, each, blur_px=found.blur_px)
+        seen.append(pressed.through(model.response, model))
+        gel = scene.pressed_image(each.circle).astype(np.float32)
+        shares = (
+            _blurred(lost_share(gel[2], gel[:2], lamp, shadows, scene.geometry), found.blur_px)
+            for lamp in shadows.lamps
+        )
+        lost = np.stack([-share[pressed.rows, pressed.columns] for share in shares])
+        slopes = seen[-1].polynomial(scene.exponents), seen[-1].shading(model.terms)
+        features.append(np.concatenate([*slopes, lost]))
+    together = fit_photometric(
+        seen,
+        exponents=scene.exponents,
+        features=features,
+        ridge=None,
+        terms=model.terms,
+        response=model.response,
+        reference=REFERENCE,
+    )
+    own, colours = np.split(together.term_coefficients, [model.terms.count])
+    return replace(
+        found,
+        model=replace(together, term_coefficients=own),
+        shadows=_with_colours(shadows, colours),
+    )
+
+
+def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
+    """Give lamps colours, shape [lamp_count, 3]; none is below zero."""
+    pairs = zip(shadows.lamps, np.maximum(colours, 0.0).tolist(), strict=True)
+    return replace(shadows, lamps=[replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs])
+
+
+def _fitted(
+    presses: Sequence[BallPress], found: Calibration, start: ShadowCaster, steps: Sequence[float]
+) -> ShadowCaster:
+    """Search where lamps stand, one after the other, and how large; colours follow linearly."""
+    chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
+    placed = found.placed(presses)
+    lost = _LostLight([placed[i] for i in chosen.tolist()], found)
+    best, misfit = lost.best_of(start)
+    distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
+    near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
+    best, misfit = lost.coloured(replace(best, lamps=near))
+    for step in steps:
+        moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
+        for (move, index), by in product(moves, (-step, step)):
+            while True:
+                tried, error = lost.coloured(_moved(best, move, index, by))
+                if error >= misfit:
+                    break
+                best, misfit = tried, error
+    return best
+
+
+class _LostLight:
+    """What lamps lose by some presses, compared with the light that is seen.
+
+    Colours by slopes are fitted anew beside each trial of the lamps (variable projection): they
+    take up a part of any shadow, and only the rest tells where lamps stand.
+    """
+
+    def __init__(self, placed: Sequence[PlacedPress], found: Calibration) -> None:
+        scene, model = found.scene, found.model
+        self._geometry = scene.geometry.refined(1.0 / _COARSE)
+        self._dents = [_coarse_gel(scene, each.circle) for each in placed]
+        self._blur_px = found.blur_px / _COARSE
+        pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
+        self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
+        seen = joined([each.through(model.response, model) for each in pressed])
+        features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
+        self._weights, self._features = seen.weights, features
+        hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
+        weighted = (features * weight for weight in seen.weights)
+        self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
+        self._left_over = self._beside(seen.change * seen.weights)
+        self._total = float(np.sum(self._left_over**2))
+        self._known: dict[tuple[float | None, ...], FloatArray] = {}
+
+    def _beside(self, light: FloatArray) -> FloatArray:
+        """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
+        f, parts = self._features, zip(light, self._weights, self._factors, strict=True)
+        return np.stack([each - (inverse @ (f @ (w * each))) @ f * w for each, w, inverse in parts])
+
+    def best_of(self, start: ShadowCaster) -> tuple[ShadowCaster, float]:
+        """Return as many lamps as are named that explain most, of these and of others all around.
+
+        A search from lamps that are far off would end with two of them at the same shadow.
+        """
+        named = start.lamps
+        low_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        around = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False).tolist()
+        lamps = [
+            *named,
+            *(replace(named[0], azimuth_rad=at, elevation_rad=low_rad) for at in around),
+        ]
+        normal, load = self._equations(replace(start, lamps=lamps))
+        choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
+        misfits = [_colours(normal[:, each][:, :, each], load[:, each])[1] for each in choices]
+        best = choices[int(np.argmin(misfits))]
+        return self.coloured(replace(start, lamps=[lamps[index] for index in best]))
+
+    def coloured(self, shadows: ShadowCaster) -> tuple[ShadowCaster, float]:
+        """Give lamps the colours that explain best what is left over; return the misfit too."""
+        colours, misfit = _colours(*self._equations(shadows))
+        return _with_colours(shadows, colours), self._total + misfit
+
+    def _equations(self, shadows: ShadowCaster) -> tuple[FloatArray, FloatArray]:
+        terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps], axis=1)
+        normal = terms @ terms.transpose(0, 2, 1)
+        return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
+
+    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
+        place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
+        key = (*place, shadows.spread, shadows.softness_m)
+        found = self._known.pop(key, None)
+        if found is None:
+            shares = (
+                lost_share(gel[2], gel[:2], lamp, shadows, self._geometry) for gel in self._dents
+            )
+            pairs = zip(shares, self._places, strict=True)
+            seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
+            found = self._beside(self._weights * np.concatenate(seen))
+            if len(self._known) == _KEPT:
+                del self._known[next(iter(self._known))]
+        self._known[key] = found
+        return found
+
+
+def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
+    """Return colours, none below zero, that solve normal equations, and what they change.
+
+    Args:
+        normal: Of red, green and blue, shape [3, lamp_count, lamp_count].
+        load: Shape [3, lamp_count].
+
+    Returns:
+        Colours, shape [lamp_count, 3].
+    """
+    pairs = zip(normal, load, strict=True)
+    colours = np.maximum([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs], 0.0)
+    change = np.einsum("ci,cij,cj->", colours, normal, colours) - 2.0 * np.sum(colours * load)
+    return colours.T, float(change)
+
+
+def _coarse_gel(scene: PressScene, circle: Circle) -> Float32Array:
+    """Return tilt (2) and bulge [m] of a press at coarse pixels, shape [3, height, width]."""
+    height, width = scene.background.shape[:2]
+    size = (width // _COARSE, height // _COARSE)
+    fine = scene.pressed_image(circle)[:3].astype(np.float32)
+    return np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in fine])
+
+
+def _turned(lamp: Lamp, by_rad: float) -> Lamp:
+    return replace(lamp, azimuth_rad=lamp.azimuth_rad + by_rad)
+
+
+def _raised(lamp: Lamp, by: float) -> Lamp:
+    raised_rad = lamp.elevation_rad * math.exp(by)
+    return replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
+
+
+def _removed(lamp: Lamp, by: float) -> Lamp:
+    away_m = lamp.distance_m
+    return lamp if away_m is None else replace(lamp, distance_m=away_m * math.exp(by))
+
+
+def _moved(
+    shadows: ShadowCaster, move: Callable[[Lamp, float], Lamp] | None, index: int, by: float
+) -> ShadowCaster:
+    """Move a lamp; without a move, change how large all are."""
+    if move is None:
+        return replace(shadows, spread=shadows.spread * math.exp(4.0 * by))
+    lamps = [move(lamp, by) if i == index else lamp for i, lamp in enumerate(shadows.lamps)]
+    return replace(shadows, lamps=lamps)
+
+
+def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
+    """Return the lamps that a calibration's provenance names; None where it names none."""
+    reader: TypeAdapter[ShadowCaster | None] = TypeAdapter(ShadowCaster | None)
+    return reader.validate_python(provenance.get(SHADOWS))
+
+
+def calibrate_presses(
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    shadows: ShadowCaster | None,
+    *,
+    blurred: bool = True,
+) -> Calibration:
+    """Fit colours, shadows where the sensor's file says that there are any, and the blur.
+
+    Args:
+        shadows: Lamps of the sensor's file that cast some; None is a sensor that shows none.
+        blurred: Find the camera's blur too.
+
+    Raises:
+        ConfigError: As ``calibrate_optics``.
+    """
+    if shadows is None:
+        found = calibrate_optics(presses, scene)
+        found = with_blur(presses, found) if blurred else found
+    else:
+        found = calibrate_with_shadows(presses, scene, shadows)
+    return with_motion(presses, found)
+
+
+def with_blur(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it."""
+    placed, sharp = lit_presses(presses, found), replace(found, blur_px=0.0)
+    found = replace(found, blur_px=fit_blur(placed, found))
+    for _ in range(_BLUR_TURNS):
+        blur_px = found.blur_px
+        if blur_px == 0.0:
+            return sharp  # colours fitted to a blur that is none after all would be off
+        # The colours once more, to the gel as the blur shows it: or they take a part of it.
+        found = replace(found, model=fit_model(placed, found.scene, found.model, blur_px=blur_px))
+        found = replace(found, blur_px=fit_blur(placed, found))
+        if abs(found.blur_px - blur_px) < _SETTLED_PX:
+            break
+    return found if found.blur_px > 0.0 else sharp
+
+
+def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
+    """Return the standard deviation of the blur that explains the presses best [px].
+
+    Lens, sensor and JPEG spread each point of the gel over its neighbours; a ball shows it where
+    its contact ends. The model, fitted to the same images, takes up a part of a blur, and blur a
+    part of the model's error: this is what makes renderings agree best, no measurement of a lens.
+    """
+    misfit = np.zeros(len(_TRIED_PX))
+    scene = found.scene
+    for each in placed:
+        press, circle = each.press, each.circle
+        reach = _REACH * circle.radius_px + _MARGIN_PX
+        window = tuple(
+            slice(max(0, int(middle - reach)), int(middle + reach) + 2)
+            for middle in (circle.y_px, circle.x_px)
+        )
+        rows, columns = np.indices(press.image.shape[:2])[:, *window]
+        near = circle.distance(columns, rows) < _REACH * circle.radius_px
+        image = press.image[window]
+        known = (near & press.shown[window])[..., None] & exposed(image)
+        seen = image - scene.background[window] - scene.frame_light_image(each.light)[window]
+        pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
+        sharp = pixels.predict(circle).reshape(seen.shape)
+        blurs = [cv2.GaussianBlur(sharp, (0, 0), s) if s > 0.0 else sharp for s in _TRIED_PX]
+        misfit += [np.abs(seen - blurred)[known].sum() for blurred in blurs]
+    # A blur beyond those tried is larger than cameras have: something else is wrong then.
+    at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
+    return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)

@@ -1,1 +1,0 @@
-"""Compare a sensor's presses over time: keep, recalibrate or replace the gel."""

@@ -1,0 +1,219 @@
+"""Checks of the computer itself: versions, timer, cores, memory, groups, disk."""
+
+import grp
+import os
+import platform
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+
+from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
+from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes, writing
+from tacauchy_rig.core.store.free_space import check_free_space, estimate_session
+from tacauchy_rig.core.versions import ABSENT, installed
+
+_BLOCK_BYTES = 1 << 20
+_SYNC_INTERVAL_S = 0.25
+_LIMIT_BYTES = 512 << 20
+_COMFORTABLE = 3.0
+
+
+def disk_checks(config: RigConfig) -> list[CheckResult]:
+    """Return ``disk.space`` and ``disk.rate`` for the configured output directory."""
+    folder = Path(config.run.output_directory)
+    results = []
+    for name, check in (("disk.space", _space_check), ("disk.rate", _rate_check)):
+        try:
+            results.append(check(name, folder, config))
+        except RigError as error:
+            results.append(failed(name, error))
+    return results
+
+
+def measure_disk(folder: Path, *, duration_s: float = 1.0) -> tuple[float, float]:
+    """Write incompressible data beside ``folder`` for ``duration_s`` [s] and remove it again.
+
+    Returns:
+        Bytes over the time they took, syncs included [bytes/s], and the longest sync [s].
+    """
+    existing = existing_folder(folder)
+    with writing(existing), tempfile.TemporaryFile(dir=existing, buffering=0) as file:
+        return _write_for(file.fileno(), os.urandom(_BLOCK_BYTES), duration_s)
+
+
+def _write_for(descriptor: int, block: bytes, duration_s: float) -> tuple[float, float]:
+    written, slowest_s = 0, 0.0
+    started = now = time.monotonic()
+    while now < started + duration_s and written < _LIMIT_BYTES:
+        synced = now
+        while now < synced + _SYNC_INTERVAL_S and written < _LIMIT_BYTES:
+            written += os.write(descriptor, block)
+            now = time.monotonic()
+        os.fsync(descriptor)
+        slowest_s = max(slowest_s, time.monotonic() - now)
+        now = time.monotonic()
+    return written / (time.monotonic() - started), slowest_s
+
+
+def _space_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
+    needed = check_free_space(folder, config).total_bytes
+    free = free_bytes(folder)
+    finding = f"{free / 1e9:.1f} GB free at {folder}, {needed / 1e9:.1f} GB needed at most"
+    return passed(name, finding, value=free / 1e9, unit="GB")
+
+
+def _rate_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
+    needed = estimate_session(config).rate_bytes_s
+    rate, slowest_s = measure_disk(folder)
+    finding = (
+        f"{rate / 1e6:.0f} MB/s written and synced, slowest sync {slowest_s * 1e3:.0f} ms; "
+        f"recording needs {needed / 1e6:.1f} MB/s"
+    )
+    ratio = rate / needed
+    found = judged(
+        name,
+        finding,
+        is_good=ratio >= _COMFORTABLE,
+        value=rate / 1e6,
+        unit="MB/s",
+        remedy="set run.output_directory to a faster disk, or "
+        "lower camera.width, camera.height or camera.rate",
+    )
+    return found if ratio >= 1.0 else replace(found, status=CheckStatus.FAIL)
+
+
+PACKAGES = (
+    "ur-rtde",
+    "pyserial",
+    "opencv-contrib-python-headless",
+    "numpy",
+    "scipy",
+    "warp-lang",
+    "mcap",
+    "pydantic",
+)
+_MIN_CORES = 2
+_MIN_MEMORY_BYTES = 4 * 2**30
+_MIN_DESCRIPTORS = 64
+"""The process that watches a run opens some 30 files, sockets and pipes."""
+_TIMER_PERIOD_S = 0.002
+_TIMER_COUNT = 250
+_MAX_LATENESS_S = 0.010
+
+
+def host_checks(config: RigConfig) -> list[CheckResult]:
+    """Return every check of this computer; takes about two seconds."""
+    names = {group.gr_gid: group.gr_name for group in grp.getgrall()}
+    groups = frozenset(names.get(number, str(number)) for number in os.getgroups())
+    return [
+        version_check(),
+        timer_check(),
+        core_check(len(os.sched_getaffinity(0))),
+        memory_check(int(psutil.virtual_memory().available)),
+        descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0]),
+        *group_checks(config, groups=groups, user_id=os.geteuid()),
+        *disk_checks(config),
+    ]
+
+
+def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
+    """Tell the versions that a record will name; fail where a package is missing."""
+    found = installed(*packages)
+    python = f"Python {found.pop('python')} on {platform.machine()}"
+    missing = [package for package, version in found.items() if version == ABSENT]
+    if missing or sys.version_info < (3, 11):
+        return CheckResult(
+            name="host.versions",
+            status=CheckStatus.FAIL,
+            finding=f"{python}; missing: {', '.join(missing) or 'nothing'}",
+            remedy="Python 3.11 or newer is needed; install with `make setup` or `pip install .`",
+        )
+    listed = ", ".join(f"{package} {version}" for package, version in found.items())
+    return passed("host.versions", f"{python}; {listed}")
+
+
+def timer_check() -> CheckResult:
+    """Measure how late this process wakes up from short sleeps."""
+    lateness = []
+    for _ in range(_TIMER_COUNT):
+        started = time.monotonic()
+        time.sleep(_TIMER_PERIOD_S)
+        lateness.append(time.monotonic() - started - _TIMER_PERIOD_S)
+    worst_s, median_s = max(lateness), sorted(lateness)[_TIMER_COUNT // 2]
+    finding = (
+        f"wakes {median_s * 1e3:.2f} ms late (median of {_TIMER_COUNT} sleeps), "
+        f"at worst {worst_s * 1e3:.1f} ms"
+    )
+    return judged(
+        "host.timer",
+        finding,
+        is_good=worst_s <= _MAX_LATENESS_S,
+        value=worst_s * 1e3,
+        unit="ms",
+        remedy="end other programs while pressing, and set the CPU governor to performance",
+    )
+
+
+def core_check(count: int) -> CheckResult:
+    """Judge the number of cores that this process may use."""
+    few = f"{count} core may be used; control and camera want one each"
+    return judged(
+        "host.cores",
+        f"{count} cores may be used" if count >= _MIN_CORES else few,
+        is_good=count >= _MIN_CORES,
+        value=count,
+        unit="cores",
+        remedy="give this computer, container or session at least two cores",
+    )
+
+
+def memory_check(available_bytes: int) -> CheckResult:
+    """Judge the memory that is available."""
+    gib = available_bytes / 2**30
+    return judged(
+        "host.memory",
+        f"{gib:.1f} GiB of memory available",
+        is_good=available_bytes >= _MIN_MEMORY_BYTES,
+        value=gib,
+        unit="GiB",
+        remedy=f"end other programs; the replay wants {_MIN_MEMORY_BYTES / 2**30:.0f} GiB",
+    )
+
+
+def descriptor_check(limit: int) -> CheckResult:
+    """Judge how many files this process may have open at once."""
+    name = "host.descriptors"
+    finding = f"{limit} files may be open at once"
+    if limit >= _MIN_DESCRIPTORS or limit == resource.RLIM_INFINITY:
+        return passed(name, finding, value=limit, unit="files")
+    too_few = f"only {finding}; a run needs {_MIN_DESCRIPTORS}"
+    return failed(name, RigError(too_few, remedy="`ulimit -n 1024` before the command admits more"))
+
+
+def group_checks(config: RigConfig, *, groups: frozenset[str], user_id: int) -> list[CheckResult]:
+    """Judge whether this user may open serial ports and cameras, where real ones are used."""
+    needed = {"dialout": config.force_sensor.is_real, "video": config.camera.is_real}
+    return [_group_check(name, on, groups, user_id) for name, on in needed.items()]
+
+
+def _group_check(group: str, needed: bool, groups: frozenset[str], user_id: int) -> CheckResult:
+    name = f"host.group_{group}"
+    if not needed:
+        return skipped(name, "no real device needs it")
+    if user_id == 0:
+        return passed(name, "running as root: every device may be opened")
+    is_in = group in groups
+    return judged(
+        name,
+        f"this user is {'' if is_in else 'not '}in the group {group}",
+        is_good=is_in,
+        remedy=f"sudo usermod -aG {group} $USER, then log out and in again",
+    )

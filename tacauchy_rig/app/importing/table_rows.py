@@ -1,0 +1,473 @@
+"""Rows of a table as presses with the images that they name: of a CSV, or of NumPy's records.
+
+A record is a press: ``.npz`` of arrays by name, or a structured ``.npy``. FEATS' records hold so an
+image, the indenter's place and way, and the cell's forces (Helmut et al., arXiv 2411.03315). As
+they are published they are pickles, which are never loaded.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import PurePath
+
+import numpy as np
+from pydantic import Field
+
+from tacauchy_rig.app.importing.press_detection import (
+    ORDER_NS,
+    Frame,
+    Press,
+    Recorded,
+    Samples,
+    Window,
+)
+from tacauchy_rig.app.importing.source_files import (
+    IMAGE_BYTES,
+    IMAGE_PIXELS,
+    MIB,
+    Source,
+    array_names,
+    read_npy,
+    read_npz,
+)
+from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, IndexArray, Int64Array
+from tacauchy_rig.core.config.unit_fields import Force, Section
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.image_codec import ColourOrder, encode_png
+from tacauchy_rig.core.quantities import Dimension
+from tacauchy_rig.core.run import FZ
+
+Image = Callable[[str, str], Callable[[], bytes]]
+"""Returns what reads an image, from its name and the field that names it; whether it is there is
+asked at once."""
+
+WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
+POSE = ("x", "y", "z")
+_DIMENSIONS = {"force": Dimension.FORCE, "moment": Dimension.TORQUE, "time": Dimension.TIME}
+"""By the first word of a column's name; all others are lengths."""
+
+
+class SampleColumns(Section):
+    """Which columns hold the wrench (``force`` along the sensor's axis) and the tip's position."""
+
+    force: Column | None = None
+    force_x: Column | None = None
+    force_y: Column | None = None
+    moment_x: Column | None = None
+    moment_y: Column | None = None
+    moment_z: Column | None = None
+    x: Column | None = None
+    y: Column | None = None
+    z: Column | None = None
+
+
+def read_columns(table: Table, columns: SampleColumns, *names: str) -> FloatArray:
+    """Return columns by their role in SI, shape [n, names]; NaN where nothing is known."""
+    values = [
+        table.numbers(
+            getattr(columns, name),
+            _DIMENSIONS.get(name.partition("_")[0], Dimension.LENGTH),
+            field=f"data.columns.{name}",
+        )
+        for name in names
+    ]
+    return np.array(values).T
+
+
+class Columns(SampleColumns):
+    """Which column holds what: of words by its name, of numbers with their unit."""
+
+    image: str | None = None
+    press: str | None = None
+    state: str | None = None
+    indenter: str | None = None
+    time: Column | None = None
+    depth: Column | None = None
+    contact_z: Column | None = None
+
+
+class RowsData(Dialect):
+    """``[data]`` of every kind of table."""
+
+    columns: Columns
+    no_contact: str | None = None
+    is_tared: bool = False
+    contact_force: Force | None = None
+    unloaded: str = "unloaded"
+    pressed: str = "pressed"
+    indenters: dict[str, str] = Field(default_factory=dict)
+
+
+class CsvData(RowsData):
+    """``[data]`` of a folder with a CSV."""
+
+    table: str = "presses.csv"
+    images: str = "."
+
+
+def read_csv_folder(source: Source, data: CsvData) -> Recorded:
+    """Read a folder of images with a CSV; what is odd in it is noted with line and column.
+
+    Raises:
+        RecordError: The table cannot be read, or its times tell rest and press apart nowhere.
+    """
+    table = read_table(source, data.table, field="data.table", dialect=data)
+    prefix = source.prefix(data.images, field="data.images")
+    return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
+
+
+def image_files(source: Source, prefix: str = "") -> Image:
+    """Return what finds images that are files, below a folder."""
+
+    def image(name: str, field: str) -> Callable[[], bytes]:
+        source.path(prefix + name, field=field, most_bytes=IMAGE_BYTES)
+        return partial(source.read, prefix + name, field=field, most_bytes=IMAGE_BYTES)
+
+    return image
+
+
+def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) -> Recorded:
+    """Return the presses that a table's rows hold, as far as its cells can be read.
+
+    Args:
+        image: Of a row.
+        at_rest: Of ``no_contact``.
+    """
+    rows = _Rows(table, data)
+    problems, presses, rest = table.problems, [], None
+    if data.no_contact is not None:
+        with problems.noting():
+            rest = at_rest(data.no_contact, "data.no_contact")
+    for own in rows.by_press():
+        with problems.noting():
+            presses.append(rows.press_of(own, image, rest))
+    columns = data.columns
+    has_zero = columns.force is None or data.is_tared or columns.state is not None
+    lacks = {
+        "The delay between force and image of a row": True,
+        "The force": columns.force is None,
+        "The zero of the force cell": not has_zero,
+        "The depth": columns.depth is None and columns.z is None,
+        "The position of a press on the pad": columns.x is None or columns.y is None,
+        "The tilt of the indenter": columns.moment_x is None,
+    }
+    return Recorded(
+        presses=tuple(presses),
+        has_clock=rows.has_clock,
+        contact_force_n=data.contact_force,
+        unknown=tuple(f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking),
+        notes=tuple(rows.notes),
+    )
+
+
+class _Rows:
+    """A table as arrays of one length."""
+
+    def __init__(self, table: Table, data: RowsData) -> None:
+        columns, count = data.columns, len(table.rows)
+
+        def text(name: str, otherwise: list[str]) -> AnyArray:
+            column = getattr(columns, name)
+            cells = table.text(column, field=f"data.columns.{name}") if column else otherwise
+            return np.array(cells, dtype=object)
+
+        self.table, self.data = table, data
+        self.press = text("press", [str(k) for k in range(1, count + 1)])
+        state = text("state", [data.pressed] * count)
+        self.at_rest, self.pressed = state == data.unloaded, state == data.pressed
+        self.image = text("image", [""] * count)
+        self.indenter = text("indenter", [""] * count)
+        self.wrench = read_columns(table, columns, *WRENCH)
+        self.place = read_columns(table, columns, *POSE)
+        self.depth, self.contact_z = read_columns(table, columns, "depth", "contact_z").T
+        self.notes = ["No times were stated: the stamps of this run count rows."]
+        self.has_clock = columns.time is not None
+        self.stamp_ns: Int64Array = ORDER_NS * np.arange(1, count + 1)
+        if columns.time is not None:
+            self._take_times(read_columns(table, columns, "time")[:, 0], columns.time.column)
+
+    def by_press(self) -> list[IndexArray]:
+        """Return the rows of each press."""
+        return [np.flatnonzero(self.press == name) for name in dict.fromkeys(self.press.tolist())]
+
+    def _take_times(self, time_s: FloatArray, column: str) -> None:
+        """Take times as stamps that begin a second after zero, unless labels contradict them."""
+        missing = np.flatnonzero(np.isnan(time_s)).tolist()
+        if missing:
+            self.table.problems.add(
+                f"{self.table.where(missing[0], column)}: has no time; "
+                f"{len(missing)} rows have none",
+                remedy="every row needs one, or leave data.columns.time out",
+            )
+            return
+        stamps = np.asarray(np.rint((time_s - time_s.min() + 1.0) * 1e9), dtype=np.int64)
+        step = np.diff(stamps)[self.press[1:] == self.press[:-1]]
+        back, still = int((step < 0).sum()), int((step == 0).sum())
+        told = f'Times of the column "{column}" go back {back} times; rows were sorted by them.'
+        alike = f'{still} rows have the time of the row before (column "{column}").'
+        self.notes = [told] * bool(back) + [alike] * bool(still)
+        contradicted = None
+        for own in self.by_press():
+            rest, held = own[self.at_rest[own]], own[self.pressed[own]]
+            if len(held) and len(among := self._among(rest, held, stamps)):
+                contradicted = int(among[0])
+                break
+        if contradicted is None:
+            self.stamp_ns = stamps
+            return
+        self.has_clock = False
+        self.notes.append(
+            f'Times of the column "{column}" were left out: those of press '
+            f"{self.press[contradicted]} do not tell its rows at rest from its rows pressed "
+            f"({self.table.where(contradicted)}), which are labelled. Stamps of this run count "
+            "rows."
+        )
+
+    def _among(self, rest: IndexArray, held: IndexArray, stamps: Int64Array) -> IndexArray:
+        """Return the rows at rest that stamps put among the rows pressed."""
+        first, last = int(stamps[held].min()), int(stamps[held].max())
+        return rest[(stamps[rest] >= first) & (stamps[rest] <= last)]
+
+    def _window(self, own: IndexArray) -> Window | None:
+        """Return first and last stamp of some rows; None of none."""
+        stamps = self.stamp_ns[own]
+        return (int(stamps.min()), int(stamps.max())) if len(own) else None
+
+    def _rest_window(self, rest: IndexArray, held: IndexArray) -> Window | None:
+        """Return when rows at rest were before a press, or after it, where none are before."""
+        if len(among := self._among(rest, held, self.stamp_ns)):
+            raise RecordError(
+                f"{self.table.where(int(among[0]))}: press {self.press[held[0]]} is at rest "
+                "between rows in which it is pressed",
+                remedy="give each press a name of its own in the column of data.columns.press",
+            )
+        before = rest[self.stamp_ns[rest] < self.stamp_ns[held].min()]
+        return self._window(before if len(before) else rest)
+
+    def _samples(self, own: IndexArray, values: FloatArray) -> Samples | None:
+        """Return the values of some rows as a stream; None of none."""
+        return Samples(stamp_ns=self.stamp_ns[own], value=values[own]) if len(own) else None
+
+    def press_of(
+        self, own: IndexArray, image: Image, no_contact: Callable[[], bytes] | None
+    ) -> Press:
+        """Return the press that some rows hold; raises a RecordError where it lacks something."""
+        name, table, data = self.press[own[0]], self.table, self.data
+        own = own[np.argsort(self.stamp_ns[own], kind="stable")]
+        unloaded, pressed = own[self.at_rest[own]], own[self.pressed[own]]
+        if not len(pressed):
+            raise RecordError(
+                f'{table.name}: press {name} has no row whose state is "{data.pressed}"',
+                remedy="state the values of that column as data.unloaded and data.pressed",
+            )
+        frames = self._frames(own, image)
+        reference = self._rest_window(unloaded[self.image[unloaded] != ""], pressed)
+        if reference is None and data.no_contact is not None and frames:
+            stamp = int(self.stamp_ns[own[0]]) - ORDER_NS
+            if no_contact is not None:
+                frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=no_contact))
+            reference = (stamp, stamp)
+        if reference is None and frames:
+            raise RecordError(
+                f"{table.name}: press {name} has no image of the gel at rest",
+                remedy=f'name one as data.no_contact, or add rows whose state is "{data.unloaded}"',
+            )
+        has_force = ~np.isnan(self.wrench[:, FZ])
+        has_place = np.asarray(~np.isnan(self.place).any(axis=1))
+        tare = None
+        if not data.is_tared:
+            tare = self._rest_window(unloaded[has_force[unloaded]], pressed)
+        dwell = self._window(pressed) or (0, 0)
+        x, y = (_mean(self.place[pressed, axis]) for axis in (0, 1))
+        named = next((k for k in pressed.tolist() if self.indenter[k]), None)
+        term = "" if named is None else self.indenter[named]
+        return Press(
+            name=name,
+            frames=tuple(frames),
+            reference=reference or dwell,
+            dwell=dwell,
+            force=self._samples(own[has_force[own]], self.wrench),
+            pose=self._samples(
+                own[has_place[own]], np.pad(self.place, ((0, 0), (0, 3)), constant_values=math.nan)
+            ),
+            tare=tare,
+            contact_z_m=_mean(self.contact_z[own]),
+            depth_m=_mean(self.depth[pressed]),
+            place_m=None if x is None or y is None else (x, y),
+            indenter=data.indenters.get(term, term),
+            where=table.where(int(pressed[0])),
+            indenter_at="" if named is None else table.where(named, data.columns.indenter or ""),
+        )
+
+    def _frames(self, own: IndexArray, image: Image) -> list[Frame]:
+        """Return the images of rows; those that are not there are noted."""
+        frames = []
+        for k in own.tolist():
+            if name := self.image[k]:
+                with self.table.problems.noting():
+                    read = image(name, self.table.where(k, self.data.columns.image or ""))
+                    frames.append(Frame(stamp_ns=int(self.stamp_ns[k]), name=name, read=read))
+        return frames
+
+
+def _mean(values: FloatArray) -> float | None:
+    """Return the mean of what is known; None where nothing is."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else None
+
+
+Record = Mapping[str, AnyArray]
+NPY, NPZ = ".npy", ".npz"
+RECORD_BYTES = 256 * MIB
+"""Of a record: an image and some maps of forces are a few."""
+RECORDS_MOST = 10_000
+"""Of a folder, of which a run takes a few."""
+_PRESS, _INDENTER = "(record)", "(indenter)"
+"""Columns that no key of a record makes; no key is written so."""
+
+
+class RecordsData(RowsData):
+    """``[data]`` of a folder of records; a column is a key of each record."""
+
+    colour_order: ColourOrder
+    records: str = "."
+    starts: str = ""
+    still: tuple[str, ...] = ()
+
+
+def read_records(source: Source, data: RecordsData) -> Recorded:
+    """Read a folder of records.
+
+    Raises:
+        RecordError: A record is damaged, of Python objects, or lacks a key.
+        ConfigError: A unit is not of what it is to measure.
+    """
+    names, rows = _names(source, data), []
+    for name in names:
+        with source.problems.noting():
+            rows += _rows(_read(source, name), name, data)
+    source.problems.refuse()
+    if not rows:
+        raise RecordError(
+            f"data.records: all of {len(names)} records move aside or turn",
+            remedy="a replay presses straight: name straight presses, or correct data.still",
+        )
+    columns = {key: k for k, key in enumerate(dict.fromkeys(key for row in rows for key in row))}
+    table = Table(
+        name=f"records of {data.records}",
+        columns=columns,
+        rows=[[row.get(key, "") for key in columns] for row in rows],
+        places=[row[_PRESS] for row in rows],
+        decimal=".",
+        problems=source.problems,
+    )
+
+    def at_rest(name: str, field: str) -> Callable[[], bytes]:
+        if not name.endswith(NPY):
+            return image_files(source)(name, field)
+        found = read_npy(source.read(name, field=field, most_bytes=RECORD_BYTES), name=name)
+        return partial(_png, found, f"{field}: {name}", data.colour_order)
+
+    own_columns = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
+    recorded = presses_of(
+        table,
+        data.model_copy(update={"columns": data.columns.model_copy(update=own_columns)}),
+        image=lambda name, field: partial(_image, source, name, field, data),
+        at_rest=at_rest,
+    )
+    left_out = len(names) - len(rows)
+    note = f"{left_out} records were left out: the indenter went aside or turned in them."
+    return replace(recorded, notes=(*recorded.notes, note)) if left_out else recorded
+
+
+def _names(source: Source, data: RecordsData) -> list[str]:
+    """Return the records' files; an ``.npy`` beside an ``.npz`` of its name is its origin."""
+    inside = source.prefix(data.records, field="data.records")
+    there = {
+        path.name
+        for path in (source.root / inside).iterdir()
+        if path.suffix in (NPY, NPZ) and path.name.startswith(data.starts)
+        if not path.name.startswith(".")
+    }
+    there -= {f"{PurePath(name).stem}{NPY}" for name in there if name.endswith(NPZ)}
+    kept = [name for name in sorted(there) if f"{inside}{name}" != data.no_contact]
+    if not 0 < len(kept) <= RECORDS_MOST:
+        raise RecordError(
+            f"data.records: {data.records!r} has {len(kept)} files {NPY} or {NPZ}; 1 to "
+            f"{RECORDS_MOST} are read",
+            remedy="name the folder that the records are in, or some of them by data.starts",
+        )
+    return [f"{inside}{name}" for name in kept]
+
+
+def _read(source: Source, name: str) -> Record:
+    """Return a record's arrays by name."""
+    data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
+    if name.endswith(NPZ):
+        return read_npz(data, array_names(data, name=name), name=name)
+    try:
+        found = read_npy(data, name=name)
+    except RecordError as error:
+        if "pickle" not in error.message:
+            raise
+        raise RecordError(
+            error.message,
+            remedy="if you trust who made it, save its arrays by name with numpy.savez: "
+            "docs/reference/file-formats.md has the lines",
+        ) from error
+    if found.dtype.names is None or found.size != 1:
+        raise RecordError(
+            f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",
+            remedy="docs/reference/file-formats.md shows how a record is saved with numpy.savez",
+        )
+    return {key: found.reshape(())[key] for key in found.dtype.names}
+
+
+def _rows(record: Record, name: str, data: RecordsData) -> list[dict[str, str]]:
+    """Return a record's numbers and words as cells of a row; none if it does not press straight."""
+    keys = f"its keys: {', '.join(list(record)[:40])[:300] or 'none'}"
+    cells = {key: _cell(each) for key, each in record.items() if each.size == 1}
+    for key in data.still:
+        if not cells.get(key):
+            raise RecordError(f"data.still: {name} has no number {key!r}", remedy=keys)
+        if float(cells[key]) != 0.0:
+            return []
+    image = data.columns.image or ""
+    wanted = [each.column for _, each in data.columns if isinstance(each, Column)]
+    if missing := [key for key in (*wanted, image) if key not in record]:
+        raise RecordError(f"data.columns: {name} has no {missing[0]!r}", remedy=keys)
+    terms = [term for part, term in data.indenters.items() if part in PurePath(name).stem]
+    if data.indenters and len(terms) != 1:
+        raise RecordError(
+            f"data.indenters: {len(terms)} of {', '.join(data.indenters)} are in the name {name}",
+            remedy="write for each indenter a part of the records' names that no other has",
+        )
+    own = {_PRESS: PurePath(name).stem, image: name}
+    return [{**cells, **own, **({_INDENTER: terms[0]} if terms else {})}]
+
+
+def _cell(array: AnyArray) -> str:
+    """Return a single number or word as text; nothing of other kinds."""
+    value = array.reshape(-1)[0]
+    if array.dtype.kind == "U":
+        return str(value)
+    return repr(float(value)) if array.dtype.kind in "fiu" else ""
+
+
+def _image(source: Source, name: str, field: str, data: RecordsData) -> bytes:
+    key = data.columns.image or ""
+    return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
+
+
+def _png(image: AnyArray, where: str, order: ColourOrder) -> bytes:
+    """Return an image [height, width, 3] of 8 bits as PNG."""
+    is_image = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
+    if not is_image or not 0 < image.shape[0] * image.shape[1] <= IMAGE_PIXELS:
+        raise RecordError(
+            f"{where}: is {list(image.shape)} of {image.dtype}; images are [height, width, 3] of "
+            "uint8",
+            remedy="name the key of the image as data.columns.image",
+        )
+    return encode_png(np.ascontiguousarray(image[..., ::-1] if order is ColourOrder.BGR else image))

@@ -1,0 +1,214 @@
+"""Make a run and press it: every trial without a passed attempt is recorded."""
+
+from collections.abc import Callable, Iterator, Sequence, Set
+from dataclasses import asdict, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from drivers.force_sensor.weighing import Load, weigh
+from protocols.guard.abort import AbortWatch
+from protocols.guard.force_witness import TOLERANCE, WORST_N, WORST_SHARE
+from protocols.processes.ipc import PageOptions, ViewerOptions
+from protocols.processes.supervisor import SessionResult, run_session
+from tacauchy_rig.app.session.expected_force import kept_expectation
+from tacauchy_rig.core.config.load import Change, LoadedConfig
+from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.known_weight import EXPIRY_H, ForceCheck, Weight, judge_weight
+from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.free_space import check_free_space
+from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.json_codec import to_json
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.versions import versions
+
+
+class ForceCheckError(RigError):
+    """The cell does not say what hangs on it, so nothing may be pressed by its word."""
+
+
+def check_cell(
+    store: RunStore, config: RigConfig, weight: Weight, *, ask: Callable[[Load], None]
+) -> ForceCheck:
+    """Weigh a known weight with the run's cell, and keep what was found, right or wrong.
+
+    Args:
+        config: Its configuration with the addresses that hold now.
+        ask: Returns once the cell carries what is asked for.
+
+    Raises:
+        ForceCheckError: Size, sign or axis is wrong; the likely cause stands in the remedy.
+        DeviceError: The cell does not answer.
+    """
+    with store.lock():
+        before, loaded, after = weigh(config, ask=ask)
+        check = judge_weight(
+            weight,
+            before=before,
+            loaded=loaded,
+            after=after,
+            compression_sign=config.force_sensor.compression_sign,
+            checked=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        store.force_check.save(check)
+        append_event(store.paths.journal, JournalEvent.now("force-check", **to_json(check)))
+    if not check.passed:
+        raise ForceCheckError(f"the cell is wrong: {check.finding}", remedy=check.remedy)
+    return check
+
+
+def require_right_cell(store: RunStore) -> None:
+    """Refuse to go on with a cell that was found wrong when it was checked last.
+
+    Raises:
+        ForceCheckError: It was; the likely cause and how to check it again stand in the remedy.
+    """
+    check = store.force_check.load()
+    if check is not None and not check.passed:
+        raise ForceCheckError(
+            f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
+            remedy=f"{check.remedy}; then repeat it: --check-weight "
+            f"{check.weight.mass_kg * 1e3:g}g",
+        )
+
+
+def needs_weight(config: RigConfig) -> bool:
+    """Return whether the arm feels too little to bound what a wrong cell may do to the gel.
+
+    ``limits.allow_unchecked_force`` admits that.
+    """
+    arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+    return not (config.limits.allow_unchecked_force or arm.bounds(target_n))
+
+
+def require_bounded_force(store: RunStore, config: RigConfig) -> None:
+    """Refuse to press by a cell that nothing has checked and no arm would contradict.
+
+    Raises:
+        ForceCheckError: It is so, or the cell was found wrong when it was checked last.
+    """
+    require_right_cell(store)
+    if needs_weight(config) and (note := standing_check(store)):
+        arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+        raise ForceCheckError(
+            f"{note}; robot.model {config.robot.model.value} feels force to {arm.force_n:g} N and "
+            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a wrong cell could "
+            f"press with more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
+            remedy="add --check-weight 200g with a weight at hand; or "
+            "limits.allow_unchecked_force = true, which the report will say",
+        )
+
+
+def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
+    """Return why the force of what is pressed now is not checked; empty where it is."""
+    check = store.force_check.load()
+    if check is None:
+        return "force not checked: --check-weight 200g checks the cell with a known weight first"
+    if _is_current(check, now or datetime.now(UTC)):
+        return ""
+    return (
+        f"force not checked: the check of {check.checked} has expired after {EXPIRY_H:g} h; "
+        f"--check-weight {check.weight.mass_kg * 1e3:g}g repeats it"
+    )
+
+
+def mark_expired(store: RunStore, *, now: datetime | None = None) -> None:
+    """Note in a check that has expired that trials are added to it, for the report to say so."""
+    check, now = store.force_check.load(), now or datetime.now(UTC)
+    if check is not None and not _is_current(check, now):
+        store.force_check.save(replace(check, expired=now.isoformat(timespec="seconds")))
+
+
+def _is_current(check: ForceCheck, now: datetime) -> bool:
+    return now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H)
+
+
+MISSED = "missed: "
+
+
+def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
+    """Make a run's folder in the configured output directory.
+
+    Args:
+        config_text: Its file as it was written, kept in the folder.
+
+    Raises:
+        RecordError: The folder cannot be made, or has no room for the recordings.
+    """
+    config = loaded.config
+    parent = Path(config.run.output_directory)
+    check_free_space(parent, config)
+    return RunStore.create(
+        parent,
+        loaded,
+        config_text=config_text,
+        simulated=config.has_emulated_devices,
+        versions=versions(),
+    )
+
+
+def note_changes(store: RunStore, changes: Sequence[Change]) -> None:
+    """Write into the journal what a run goes on with that it did not begin with.
+
+    Raises:
+        RecordError: Another program works on the run, or the journal cannot be written.
+    """
+    if not changes:
+        return
+    event = JournalEvent.now("resume-set", changes=[asdict(change) for change in changes])
+    with store.lock():
+        append_event(store.paths.journal, event)
+
+
+def record_run(
+    store: RunStore,
+    config: RigConfig | None = None,
+    *,
+    on_event: Callable[[JournalEvent], None],
+    again: Set[int] = frozenset(),
+    page: PageOptions | None = None,
+    viewers: Sequence[ViewerOptions] = (),
+    keep_page: bool = False,
+) -> SessionResult:
+    """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
+
+    A real arm moves. Nothing here asks whether it may. Arguments and errors are those of
+    ``run_session``; a config of None is the run's own.
+
+    Raises:
+        ForceCheckError: The cell was found wrong, or has to be checked by a weight first.
+    """
+    require_bounded_force(store, config or store.config)
+    expected = kept_expectation(store)
+    with AbortWatch() as watch:
+        return run_session(
+            store,
+            config or store.config,
+            on_event=on_event,
+            abort=watch.abort,
+            expected=expected,
+            again=again,
+            page=page,
+            viewers=viewers,
+            keep_page=keep_page,
+        )
+
+
+def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
+    """Yield a line for each criterion that the last attempt at a trial missed.
+
+    It names the trial, the criterion, what was measured, what was asked, and what to do.
+    """
+    for record in records:
+        if record.outcome is not Outcome.FAILED:
+            continue
+        tries = f", attempt {record.attempt}" if record.attempt > 1 else ""
+        for criterion in record.criteria:
+            if not criterion.passed:
+                yield f"{MISSED}trial {record.index}{tries}: {_told(criterion)}"
+
+
+def _told(criterion: Criterion) -> str:
+    measured = f"{criterion.measured:.4g} {criterion.unit}".rstrip()
+    text = f"{criterion.name} is {measured}, required: {criterion.limit}"
+    return f"{text} -> {criterion.remedy}" if criterion.remedy else text

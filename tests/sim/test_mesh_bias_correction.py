@@ -1,0 +1,127 @@
+"""Forces and depths without the bias of their mesh."""
+
+from dataclasses import replace
+
+import pytest
+
+from sim.accuracy import Tolerance, alternatives, guaranteed, keeping_corrected
+from sim.effects.planned_effects import full_plan
+from sim.effects.press_outputs import PressOutputs
+from sim.effects.press_with_effects import coarse_press
+from sim.mesh_bias_correction import WAY, corrected_settings, correction, rules_of
+from sim.press import press
+from sim.press_arguments import scene_from
+from sim.scene.indenter import Plane, Sphere
+from sim.scene.material import LawName
+from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
+from tacauchy_rig.core.errors import ConfigError
+
+SCENE = replace(
+    scene_from("--sensor gelsight-mini --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"),
+    path_refinement=WAY,
+)
+PUSHED = replace(SCENE, target=Target(force_n=0.7))
+PLAN = full_plan(SCENE)
+
+
+@pytest.fixture(scope="module")
+def found() -> PressOutputs:
+    """Return a ball's outputs."""
+    return coarse_press(SCENE, PLAN, 0.75).outputs
+
+
+def test_a_given_depth_has_its_force_corrected(found: PressOutputs) -> None:
+    """The mesh is too stiff: the force is less, by the bias, and the depth stays."""
+    result = correction(SCENE, PLAN, found, found)
+    assert result is not None
+    assert 0.0 < result.bias_relative < 0.1
+    assert result.force_n * (1.0 + result.bias_relative) == pytest.approx(found.force_n[2])
+    assert result.depth_m == found.depth_m
+    assert 0.0 < result.error_relative < result.bias_relative
+
+
+def test_a_given_force_has_its_depth_corrected(found: PressOutputs) -> None:
+    """There the gel is pressed deeper: by what the force that was missing takes."""
+    by_depth, by_force = (correction(each, PLAN, found, found) for each in (SCENE, PUSHED))
+    assert by_depth is not None
+    assert by_force is not None
+    missing = found.force_n[2] - by_depth.force_n
+    assert by_force.force_n == found.force_n[2]
+    assert by_force.depth_m - found.depth_m == pytest.approx(missing / found.stiffness_n_m)
+    # A ball's force grows more than in proportion to its depth, which errs the less.
+    assert by_force.error_relative < by_depth.error_relative
+
+
+def test_shorter_edges_and_softer_gels_have_a_smaller_bias() -> None:
+    """By edges, and by how little the gel can give way."""
+    soft = replace(SCENE, material=replace(SCENE.material, poisson=0.4))
+    small = replace(SCENE, indenter=Sphere(diameter_m=3e-3))
+    for rule in rules_of(SCENE).values():
+        bias = rule.bias(SCENE, 0.4e-3)
+        assert rule.bias(soft, 0.4e-3) < bias
+        assert rule.bias(small, 0.4e-3) < bias
+    biases = [rule.bias(SCENE, 0.4e-3) for rule in rules_of(SCENE).values()]
+    assert biases == sorted(biases, reverse=True)
+    stated = [worth.error_ratio for worth in corrected_settings(SCENE).values()]
+    assert stated == sorted(stated, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(SCENE, contact=ContactMode.BONDED),
+        replace(SCENE, target=Target(depth_m=2.5e-3)),
+        replace(SCENE, target=Target(depth_m=0.0)),
+        replace(SCENE, indenter=Plane()),
+        replace(SCENE, material=replace(SCENE.material, law=LawName.PAPER_EQ4)),
+        replace(
+            SCENE, contact=ContactMode.FRICTION, friction=0.5, outputs=frozenset({Output.SHEAR})
+        ),
+    ],
+    ids=["bonded", "deep", "untouched", "plane", "rest stress", "shear by friction"],
+)
+def test_what_was_not_drawn_is_not_corrected(other: Scene) -> None:
+    """Nothing is known of its bias."""
+    assert rules_of(other) == {}
+    assert corrected_settings(other) == {}
+
+
+def test_presets_by_name_stay_as_they_are(found: PressOutputs) -> None:
+    """Neither has a press on one mesh a corrected value, nor one of another preset."""
+    assert correction(replace(SCENE, path_refinement=None), PLAN, found, None) is None
+    assert correction(replace(SCENE, preset=Preset.BALANCED), PLAN, found, found) is None
+
+
+def test_a_tolerance_takes_the_cheapest_that_leaves_so_little() -> None:
+    """What is left of it is for effects; less than any correction leaves is the raw force's."""
+    for share in (0.05, 0.01):
+        chosen = keeping_corrected(SCENE, Tolerance(relative=share))
+        stated = {
+            setting.refinement: worth.error_ratio
+            for setting, worth in corrected_settings(SCENE).items()
+        }
+        assert chosen.path_refinement == WAY
+        assert stated[chosen.refinement] + (chosen.tolerance or 0.0) == pytest.approx(share)
+        cheaper = [error for name, error in stated.items() if name < chosen.refinement]
+        assert all(error > share for error in cheaper)
+    newtons = keeping_corrected(PUSHED, Tolerance(force_n=0.05 * 0.7))
+    relative = keeping_corrected(PUSHED, Tolerance(relative=0.05))
+    assert newtons.refinement == relative.refinement
+    assert newtons.tolerance == pytest.approx(relative.tolerance)
+    with pytest.raises(ConfigError, match="no preset is known"):
+        keeping_corrected(SCENE, Tolerance(relative=1e-5))
+
+
+def test_the_guaranteed_quantity_is_named_throughout() -> None:
+    """A press to a force has its depth guaranteed, below the tolerance, and its neighbours'."""
+    chosen = keeping_corrected(PUSHED, Tolerance(relative=0.05))
+    result = press(chosen, estimate_error=True)
+    assert guaranteed(chosen) is Output.DEPTH
+    assert result.guaranteed == "depth"
+    assert result.corrected is not None
+    assert result.guaranteed_error_relative == result.corrected.error_relative < 0.05
+    assert result.corrected.depth_m > result.depth_m
+    assert result.force_n[2] == pytest.approx(0.7, rel=1e-4)
+    assert {each.quantity for each in result.alternatives} == {"depth"}
+    assert all("depth error" in str(each) for each in result.alternatives)
+    assert alternatives(chosen, None, wall_s=None)[0].quantity == "force"
