@@ -131,9 +131,9 @@ RIDGE = 1e-5
 # Of the steepest tilt that presses show: so far the polynomial predicts better than a frozen one
 _BEYOND = 1.2
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
-# Slopes in less than this part of the image tell little of how colours bend over it; beyond them
+# Presses in less than this part of the image tell little of how colours bend over it; beyond them
 # a fit would go anywhere. A term is held so many times more for each degree above the second.
-_WIDE, _HELD, _STEEP = 0.5, 300.0, 0.5  # the last is of a press's steepest tilt
+_WIDE, _HELD = 0.5, 300.0
 _GROUPS = 6
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
 BRIGHT_QUANTILE = 0.999
@@ -189,11 +189,9 @@ def fit_photometric(
 
 
 def _span(presses: Sequence[PhotometricSamples]) -> float:
-    """Return which part of the image's width and height, whichever is less, slopes are seen in."""
-    steep = [np.hypot(*press.surface[0, :2]) for press in presses]
-    pairs = zip(presses, steep, strict=True)
-    seen = np.concatenate([p.position[:, s > _STEEP * s.max()] for p, s in pairs], axis=1)
-    return float(np.ptp(seen, axis=1).min()) / 2.0
+    """Return which part of the image's width and height, whichever is less, presses lie in."""
+    places = np.stack([press.position.mean(axis=1) for press in presses])
+    return float(np.ptp(places, axis=0).min()) / 2.0
 
 
 def fit_ridge(presses: Sequence[NormalEquations], held: FloatArray) -> float:
