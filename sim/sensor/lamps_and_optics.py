@@ -17,7 +17,8 @@ class Lamp:
 
     azimuth_rad: float  # where it stands, from growing columns towards growing rows [rad]
     elevation_rad: float  # angle of its light to the unloaded surface [rad]
-    # Grey levels added to red, green and blue of a surface that faces the lamp
+    # Grey levels added to red, green and blue of a surface that faces the lamp; of a calibration
+    # where the no-contact frame's light is at the model's reference
     colour: tuple[float, float, float]
     # From the middle of the image along the gel [m]; None is so far that it shines from everywhere
     # in one direction

@@ -51,8 +51,10 @@ class Calibration:
         return [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
 
 
-def calibrate_optics(presses: Sequence[BallPress], scene: PressScene) -> Calibration:
-    """Fit model, circles, light and no-contact frame by turns.
+def calibrate_optics(
+    presses: Sequence[BallPress], scene: PressScene, start: Calibration | None = None
+) -> Calibration:
+    """Fit model, circles, light and no-contact frame by turns, or once more from a ``start``.
 
     Raises:
         ConfigError: There is no press, or one has another size than the no-contact frame.
@@ -60,19 +62,25 @@ def calibrate_optics(presses: Sequence[BallPress], scene: PressScene) -> Calibra
     if not presses:
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
     check_presses_fit(presses, scene.background.astype(np.uint8))
-    placed = [
-        PlacedPress(press=press, circle=press.circle, light=scene.light(press, press.circle, None))
-        for press in presses
-    ]
-    model = fit_model(placed, scene)
-    averaged = scene
-    for turn in range(_ROUNDS):
+    if start is None:
+        placed = [
+            PlacedPress(
+                press=press, circle=press.circle, light=scene.light(press, press.circle, None)
+            )
+            for press in presses
+        ]
+        averaged, rounds = scene, _ROUNDS
+        model = fit_model(placed, scene)
+    else:
+        placed, averaged, rounds = start.placed(presses), start.scene, 1
+        model = fit_model(placed, averaged, start.model)
+    for turn in range(rounds):
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
             placed[i] = replace(lit, circle=averaged.nudged(lit, model))
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene))
         model = fit_model(placed, averaged, model)
-        log.debug("calibration round %d of %d done", turn + 1, _ROUNDS)
+        log.debug("calibration round %d of %d done", turn + 1, rounds)
     return Calibration(
         model=model,
         scene=averaged,

@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
+    GRAZED_EXPONENTS,
     NearLamp,
     PhotometricModel,
     ShadingTerms,
@@ -133,7 +134,8 @@ _BEYOND = 1.2
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 # Presses in less than this part of the image tell little of how colours bend over it; beyond them
 # a fit would go anywhere. A term is held so many times more for each degree above the second.
-_WIDE, _HELD = 0.5, 300.0
+# Light of lamps that graze the gel falls off so fast that a smaller part tells as much.
+_WIDE, _WIDE_GRAZED, _HELD = 0.5, 0.3, 300.0
 _GROUPS = 6
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
 BRIGHT_QUANTILE = 0.999
@@ -170,7 +172,7 @@ def fit_photometric(
             remedy="give more presses, or a model of lower degree",
         )
     held = np.ones(unknowns)
-    if _span(presses) < _WIDE:
+    if _span(presses) < (_WIDE_GRAZED if np.array_equal(exponents, GRAZED_EXPONENTS) else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
     chosen = fit_ridge(parts, held) if ridge is None else ridge
     coefficients = total.solved(chosen * held).T

@@ -19,7 +19,12 @@ from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.circle_and_light import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.calibrate.colour_fit import Calibration, PressSamples, calibrate_optics, fit_model
 from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
-from sim.optics.calibrate.photometric_least_squares import joined, lowest_place
+from sim.optics.calibrate.photometric_least_squares import (
+    REFERENCE,
+    fit_photometric,
+    joined,
+    lowest_place,
+)
 from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
@@ -54,10 +59,9 @@ def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = N
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)
     change = scene.whole_image(model).light_change(circle).reshape(light.shape)
-    change = change * model.gain(light)
     if found.shadows is not None:
         change = change + _darkened(found.shadows, scene, circle)
-    change = _blurred(change, found.blur_px)
+    change = _blurred(change * model.gain(light), found.blur_px)
     levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
     if scene.markers is None:
         return levels
@@ -106,7 +110,8 @@ def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> Bal
     """Return the press with the light that its dent took away."""
     if found.shadows is None:
         return press
-    taken = _blurred(_darkened(found.shadows, found.scene, circle), found.blur_px)
+    gain = found.model.gain(found.model.response.light(found.scene.background))
+    taken = _blurred(_darkened(found.shadows, found.scene, circle) * gain, found.blur_px)
     image = np.clip(np.rint(press.image - taken), 0, 255)
     return replace(press, image=image.astype(np.uint8))
 
@@ -120,7 +125,7 @@ def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[Placed
 
 
 def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
-    """Return the light that a press takes away, not positive, shape [height, width, 3]."""
+    """Return the light that a press takes away over the model's reference, [height, width, 3]."""
     gel = scene.pressed_image(circle).astype(np.float32)
     return darkening(shadows, gel[2], gel[:2], scene.geometry).transpose(1, 2, 0)
 
@@ -145,9 +150,49 @@ def calibrate_with_shadows(
         shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
         lit = [each.press for each in lit_presses(presses, known)]
-        known = replace(calibrate_optics(lit, scene), shadows=shadows, blur_px=found.blur_px)
-        found = with_blur(presses, known)
+        known = replace(calibrate_optics(lit, scene, found), shadows=shadows, blur_px=found.blur_px)
+        found = _coloured(presses, with_blur(presses, known))
     return found
+
+
+def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Fit the colours of slopes and of shadows together, where lamps and contacts are known."""
+    scene, model, shadows = found.scene, found.model, found.shadows
+    if shadows is None or model.terms is None:
+        return found
+    seen, features = [], []
+    for each in found.placed(presses):
+        pressed = PressSamples(scene, each, blur_px=found.blur_px)
+        seen.append(pressed.through(model.response, model))
+        gel = scene.pressed_image(each.circle).astype(np.float32)
+        shares = (
+            _blurred(lost_share(gel[2], gel[:2], lamp, shadows, scene.geometry), found.blur_px)
+            for lamp in shadows.lamps
+        )
+        lost = np.stack([-share[pressed.rows, pressed.columns] for share in shares])
+        slopes = seen[-1].polynomial(scene.exponents), seen[-1].shading(model.terms)
+        features.append(np.concatenate([*slopes, lost]))
+    together = fit_photometric(
+        seen,
+        exponents=scene.exponents,
+        features=features,
+        ridge=None,
+        terms=model.terms,
+        response=model.response,
+        reference=REFERENCE,
+    )
+    own, colours = np.split(together.term_coefficients, [model.terms.count])
+    return replace(
+        found,
+        model=replace(together, term_coefficients=own),
+        shadows=_with_colours(shadows, colours),
+    )
+
+
+def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
+    """Give lamps colours, shape [lamp_count, 3]; none is below zero."""
+    pairs = zip(shadows.lamps, np.maximum(colours, 0.0).tolist(), strict=True)
+    return replace(shadows, lamps=[replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs])
 
 
 def _fitted(
@@ -188,10 +233,7 @@ class _LostLight:
         self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
         seen = joined([each.through(model.response, model) for each in pressed])
         features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
-        self._weights = seen.weights
-        gain = model.gain(model.response.light(np.concatenate([e.unloaded for e in pressed]))).T
-        self._per_lost = seen.weights / gain
-        self._features = features
+        self._weights, self._features = seen.weights, features
         hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
         weighted = (features * weight for weight in seen.weights)
         self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
@@ -225,9 +267,7 @@ class _LostLight:
     def coloured(self, shadows: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Give lamps the colours that explain best what is left over; return the misfit too."""
         colours, misfit = _colours(*self._equations(shadows))
-        pairs = zip(shadows.lamps, colours.tolist(), strict=True)
-        given = [replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs]
-        return replace(shadows, lamps=given), self._total + misfit
+        return _with_colours(shadows, colours), self._total + misfit
 
     def _equations(self, shadows: ShadowCaster) -> tuple[FloatArray, FloatArray]:
         terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps], axis=1)
@@ -244,7 +284,7 @@ class _LostLight:
             )
             pairs = zip(shares, self._places, strict=True)
             seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
-            found = self._beside(self._per_lost * np.concatenate(seen))
+            found = self._beside(self._weights * np.concatenate(seen))
             if len(self._known) == _KEPT:
                 del self._known[next(iter(self._known))]
         self._known[key] = found

@@ -75,6 +75,8 @@ class PixelColours:
 
     light: Float32Array  # of the no-contact frame [grey levels], shape [3, height, width]
     response: Response = LINEAR
+    # What a lamp's colour is multiplied by where it is hidden, shape like ``light``; None is 1
+    gain: RealArray | None = None
     # From the samples' tilts and indentations to the mean change of light of pixels
     kernel: Any = None
     inputs: Sequence[Any] = ()  # of the kernel, but for samples

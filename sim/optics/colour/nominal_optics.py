@@ -17,6 +17,7 @@ import numpy as np
 from sim.optics.colour.colour_model import ColourModel, PixelColours
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
+    GRAZED_EXPONENTS,
     MOST_LAMPS,
     PhotometricModel,
     polynomial_exponents,
@@ -72,7 +73,8 @@ def exponents_for(sensor: Sensor) -> IntArray:
             "calibrated",
             remedy="leave the calibration out, or give this renderer the terms that are fitted",
         )
-    return exponents
+    grazed = exponents is BALL_EXPONENTS and sensor.optics.shadows is not None
+    return GRAZED_EXPONENTS if grazed else exponents
 
 
 def lamp_count_of(sensor: Sensor) -> int:

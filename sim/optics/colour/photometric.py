@@ -72,23 +72,24 @@ def polynomial_exponents(
     return np.array(terms, dtype=np.int32).reshape(-1, 5)
 
 
+def _bent(*degrees: tuple[int, int, int, int]) -> IntArray:
+    """List terms once, by degrees of tilt, place, indentation, and of tilt beside indentation."""
+    parts = [
+        polynomial_exponents(
+            tilt_degree=tilt,
+            position_degree=place,
+            indentation_degree=deep,
+            indentation_tilt_degree=deep_tilt,
+        )
+        for tilt, place, deep, deep_tilt in degrees
+    ]
+    return np.unique(np.concatenate(parts), axis=0)
+
+
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
-# Degrees of tilt, place, indentation, and of tilt beside indentation.
-_BENDS = ((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
-BALL_EXPONENTS: IntArray = np.unique(
-    np.concatenate(
-        [
-            polynomial_exponents(
-                tilt_degree=tilt,
-                position_degree=place,
-                indentation_degree=deep,
-                indentation_tilt_degree=deep_tilt,
-            )
-            for tilt, place, deep, deep_tilt in _BENDS
-        ]
-    ),
-    axis=0,
-)
+BALL_EXPONENTS = _bent((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
+# Where lamps graze the gel, those of steep slopes do too.
+GRAZED_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
 
 
 def monomials(
@@ -334,15 +335,15 @@ class PhotometricModel:
 
         light = np.asarray(self.response.light(frame), dtype=np.float32)
         height, width = layout.geometry.height, layout.geometry.width
-        position = normalised_positions(height, width)
+        position, gain = normalised_positions(height, width), self.gain(light)
         inputs = [
             self._colours(position[1, ::width], layout),
             layout.pixel_rows(position[:1, :width])[0],
             lamp_planes(self.terms, position, layout),
-            layout.pixel_rows(self.gain(light)),
+            layout.pixel_rows(gain),
         ]
         return PixelColours(
-            light=light, response=self.response, kernel=colour_pixels, inputs=inputs
+            light=light, response=self.response, gain=gain, kernel=colour_pixels, inputs=inputs
         )
 
     def _colours(self, v: Float32Array, layout: PixelBlocks) -> Any:

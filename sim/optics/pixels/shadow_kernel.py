@@ -175,6 +175,7 @@ def darken_pixels(
     # Model:
     rays: Rays,
     colour: wp.vec3f,
+    gain: wp.array2d(dtype=Any),
     # Data in:
     hidden: wp.array(dtype=wp.float32),
     along: wp.array(dtype=Any),
@@ -198,6 +199,8 @@ def darken_pixels(
                 lost[n] += lost_light(rays, hidden, before, row, column, p[n], q[n], lanes)
             at += layout.plane
     lost = lost * (wp.float32(1.0) / wp.float32(layout.samples * layout.samples))
-    to = (image * layout.rows + pixel_row) * layout.blocks + k
+    of = pixel_row * layout.blocks + k
+    to = image * layout.rows * layout.blocks + of
     for channel in range(3):
-        change[channel, to] = change[channel, to] - colour[channel] * lost
+        taken = colour[channel] * wp.cw_mul(lost, gain[channel, of])
+        change[channel, to] = change[channel, to] - taken

@@ -174,8 +174,10 @@ class _Images:
         self.change = BlockMemory(3, blocks, layout.lanes, layout.device)
         self.to_change = self._coloured(rest, colours)
         if shadows is not None:
+            gain = np.ones_like(colours.light) if colours.gain is None else colours.gain
+            gain_blocks = layout.pixel_rows(gain)
             for lamp in shadows.lamps:
-                self.to_change += self._darkened(lamp, shadows)
+                self.to_change += self._darkened(lamp, shadows, gain_blocks)
         self.to_bytes = self._exposed(weights, base, colours.response.knee)
 
     def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
@@ -225,12 +227,12 @@ class _Images:
                 )
         wp.copy(self.change.blocks, layout.pixel_rows(np.stack(changes, axis=1)))
 
-    def _darkened(self, lamp: Lamp, shadows: ShadowCaster) -> list[list[Task]]:
+    def _darkened(self, lamp: Lamp, shadows: ShadowCaster, gain: Any) -> list[list[Task]]:
         layout = self._layout
         fine = layout.geometry.refined(layout.samples)
         hidden = HiddenLamp(lamp, shadows, fine, self.dent, layout.lanes)
         self._kept.append(hidden)
-        light = [hidden.rays, wp.vec3f(*lamp.colour)]
+        light = [hidden.rays, wp.vec3f(*lamp.colour), gain]
         samples = [hidden.hidden.single[0], self._along.blocks[0], self._across.blocks[0]]
         return [
             *(

@@ -78,11 +78,10 @@ def _plain_change(
     places = places.repeat(samples, axis=1).repeat(samples, axis=2).reshape(2, -1)
     change = model.evaluate(tilt.reshape(2, -1), places, (rest - height).ravel(), bend.ravel())
     shape = (3, geometry.height, samples, geometry.width, samples)
-    light = change.reshape(shape).mean(axis=(2, 4)).transpose(1, 2, 0) * gain
+    change = change.reshape(shape)
     if shadows is not None:
-        dark = _plain_darkening(shadows, rest - height, tilt, fine)
-        light = light + dark.reshape(shape).mean(axis=(2, 4)).transpose(1, 2, 0)
-    return light
+        change = change + _plain_darkening(shadows, rest - height, tilt, fine).reshape(shape)
+    return change.mean(axis=(2, 4)).transpose(1, 2, 0) * gain
 
 
 def _plain_darkening(
