@@ -29,8 +29,9 @@ from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
+from tacauchy_rig.core.errors import ConfigError
 
-SHADOWS, BLUR_PX = "shadows", "blur_px"  # their names in a calibration's provenance
+SHADOWS, BLUR_PX = "lamp_shadows", "blur_px"  # their names in a calibration's provenance
 _EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
@@ -340,7 +341,16 @@ def _moved(
 
 
 def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
-    """Return the lamps that a calibration's provenance names; None where it names none."""
+    """Return the lamps that a calibration's provenance names; None where it names none.
+
+    Raises:
+        ConfigError: Their light is in grey levels, as it was before it followed the frame's light.
+    """
+    if provenance.get("shadows"):
+        raise ConfigError(
+            "an older version wrote this calibration, whose shadows have another strength",
+            remedy="calibrate again with: tacauchy-rig calibrate optics",
+        )
     reader: TypeAdapter[ShadowCaster | None] = TypeAdapter(ShadowCaster | None)
     return reader.validate_python(provenance.get(SHADOWS))
 

@@ -24,6 +24,7 @@ from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 CIRCLE = Circle(x_px=92.0, y_px=71.0, radius_px=18.0)
@@ -128,6 +129,9 @@ def test_lamps_survive_a_calibration_file() -> None:
     caster = _caster((10.0, 20.0), 12.0, 50.0)
     assert read_shadows({SHADOWS: asdict(caster)}) == caster
     assert read_shadows({SHADOWS: None}) is None
+    assert read_shadows({"shadows": None}) is None
+    with pytest.raises(ConfigError, match="older version"):
+        read_shadows({"shadows": asdict(caster)})
     assert read_shadows({}) is None
 
 
