@@ -76,7 +76,9 @@ def forces_at(
 @cache
 def _program() -> bytes:
     """Return a digest of the simulator's source: another simulator may find other forces."""
-    files = sorted(Path(str(resources.files("sim"))).rglob("*.py"))
+    files = sorted(
+        file for kind in ("*.py", "*.cu") for file in Path(str(resources.files("sim"))).rglob(kind)
+    )
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
 
 
