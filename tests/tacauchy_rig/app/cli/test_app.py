@@ -63,6 +63,7 @@ FILLED_IN = [
     "--set=sensor.optics_calibration=",
 ]
 """The example's labels, read at a rig where nothing is plugged in."""
+SMALL = ["--set=camera.width=320", "--set=camera.height=240"]  # for a disk with little room
 
 
 def test_what_is_missing_is_told_before_a_word_is_asked_for(tmp_path: Path) -> None:
@@ -84,7 +85,7 @@ def test_nothing_moves_without_the_sensors_name(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("drivers.device_checks.require_devices", lambda _: None)
     (tmp_path / "rig.toml").write_text(example_text())
-    unchecked = ["--set", "limits.allow_unchecked_force=true"]
+    unchecked = ["--set=limits.allow_unchecked_force=true", *SMALL]
     done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN, *unchecked], input="yes\n")
     assert isinstance(done.exception, AbortedError)
     assert done.exception.exit_code == 3
