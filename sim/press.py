@@ -13,6 +13,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import end_state
+from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder
@@ -251,33 +252,6 @@ def stress_gaps(model: Model, point: PathPoint, recovered: SurfaceTraction) -> t
     apart, size = np.sum((own - contact) ** 2 * areas), max(np.sum(contact**2 * areas), 1e-300)
     gap = np.linalg.norm(missing) / np.linalg.norm(point.force_n)
     return float(gap), float(np.sqrt(apart / size))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactMeasures:
-    """Sums over the contact points of an equilibrium; units in the names."""
-
-    moment_nm: FloatArray
-    area_m2: float
-    area_seen_m2: float
-    gap_min_m: float
-
-
-def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
-    """Sum moment and area over the contact points."""
-    model, contact = path.model, point.equilibrium.contact
-    symmetry = model.mesh.symmetry
-    normals = model.surface.area_vectors(point.state.positions)
-    areas = np.linalg.norm(normals, axis=2)
-    strength = np.linalg.norm(contact.forces, axis=2)
-    touching = strength > 0.0
-    arms = contact.points - point.state.tip
-    return ContactMeasures(
-        moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
-        area_m2=symmetry.copies * float(areas[touching].sum()),
-        area_seen_m2=symmetry.copies * float(np.abs(normals[..., 2])[touching].sum()),
-        gap_min_m=float(contact.gaps.min()),
-    )
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:

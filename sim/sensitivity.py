@@ -20,8 +20,8 @@ from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.effects.press_with_effects import path_for
+from sim.fields.contact_moment_and_area import contact_measures
 from sim.mesh.tet_mesh import cache_folder
-from sim.press import contact_measures
 from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene, Target
 from tacauchy_rig.core.arrays import FloatArray

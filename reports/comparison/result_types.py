@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from reports.comparison.criteria import COUNTS, COUNTS_OF_RUN, MARGIN
-from reports.evidence.evidence import RunEvidence, StreamSummary, TruthComparison
+from reports.evidence.evidence_types import RunEvidence, StreamSummary, TruthComparison
 from reports.scores.confidence_interval import MeanInterval
 from reports.scores.contact_scores import ContactScores
 from reports.scores.floor_and_ceiling import Ceiling, Floors, Skill

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from reports.comparison.result_types import RunStatistics, TrialResult, headline_of, worst_of
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.scores.floor_and_ceiling import CeilingKind, SkillStatus
 from reports.scores.image_metrics import Metric
 from reports.scores.residual_causes import UNMENDABLE

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from reports.comparison.result_types import ValidationReport
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.figures.differences import LINEAR_LEVELS
 from tacauchy_rig.core.markdown_page import prose
 

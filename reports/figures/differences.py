@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import AsinhNorm
 
-from reports.evidence.evidence import TrialEvidence, TrialImages
+from reports.evidence.evidence_types import TrialEvidence, TrialImages
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.image_codec import to_grey
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.comparison.result_types import TrialResult, ValidationReport
-from reports.evidence.evidence import Curve, RunEvidence, TrialEvidence
+from reports.evidence.evidence_types import Curve, RunEvidence, TrialEvidence
 from reports.figures.trial_axis import force_title, shown
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.plot_style import (

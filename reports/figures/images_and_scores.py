@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.result_types import TrialResult, ValidationReport
-from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
+from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence
 from reports.figures.differences import (
     DIFFERENCE_COLORS,
     LEAST_LIMIT,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 from reports.comparison.result_types import TrialResult
-from reports.evidence.evidence import TrialEvidence
+from reports.evidence.evidence_types import TrialEvidence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

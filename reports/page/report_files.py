@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 from reports.comparison.result_types import TrialResult, ValidationReport, headline_of
 from reports.comparison.verdict_sentences import fits_of
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.figures.all_figures import draw_figures
 from reports.figures.differences import color_difference, difference_scale, luminance_difference
 from reports.page.report_html import is_unknown, passing_states, render_html

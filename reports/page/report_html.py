@@ -17,7 +17,7 @@ from jinja2 import Environment
 from reports.comparison import criteria
 from reports.comparison.result_types import badness
 from reports.comparison.verdict_sentences import MINUS
-from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
+from reports.evidence.evidence_types import IntermediateState, RunEvidence, TrialEvidence, camera_of
 from reports.figures.trial_axis import MAX_COLUMNS, shown, spread
 from reports.scores.floor_and_ceiling import SkillStatus
 from reports.scores.image_metrics import Metric

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from reports.evidence.evidence import TrialImages
+from reports.evidence.evidence_types import TrialImages
 from reports.scores.image_metrics import (
     check_image_pair,
     finite,

@@ -12,7 +12,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from reports.evidence.evidence import TrialEvidence, TrialImages
+from reports.evidence.evidence_types import TrialEvidence, TrialImages
 from reports.scores.image_metrics import ImageScores, Metric, score
 from tacauchy_rig.core.arrays import BoolArray, ImageArray
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from reports.evidence.evidence import TrialEvidence
+from reports.evidence.evidence_types import TrialEvidence
 from reports.scores.confidence_interval import student_t
 from tacauchy_rig.core.config.stated_uncertainty import Stated
 from tacauchy_rig.core.force_depth import ForceDepthCurve

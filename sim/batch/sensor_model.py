@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from sim.contact.contact_surface import ContactOptions
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter

@@ -17,7 +17,7 @@ from sim.effects.mesh_choice import (
 )
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -15,7 +15,7 @@ from sim.material.elasticity_kernels import (
     stress_kernel,
     tangent_kernel,
 )
-from sim.material.laws.law_and_tangent import Law, Tangent, lame
+from sim.material.laws.law_tangent_and_lame import Law, Tangent, lame
 from sim.material.relaxation import PronySeries, Relaxation
 from sim.mesh.clamping_and_sparsity import Discretisation
 from sim.mesh.tet_mesh import TetMesh

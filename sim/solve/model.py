@@ -8,7 +8,7 @@ import warp as wp
 from sim.contact.contact_surface import ContactForces, ContactOptions, ContactSurface, State
 from sim.device import KERNEL_EPSILON, Device, on_host
 from sim.material.elastic_body import ElasticBody
-from sim.material.laws.law_and_tangent import Law
+from sim.material.laws.law_tangent_and_lame import Law
 from sim.material.relaxation import PronySeries
 from sim.mesh.clamping_and_sparsity import discretise
 from sim.mesh.elements import ElementOrder

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import (
+from reports.evidence.evidence_types import (
     Curve,
     ImageGeometry,
     JournalSummary,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.scores.force_uncertainty import predict
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 

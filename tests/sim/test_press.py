@@ -9,7 +9,7 @@ from sim.contact.contact_surface import ContactOptions
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
 from sim.fields.press_fields import surface_state
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.optics.height.height_map import height_maps

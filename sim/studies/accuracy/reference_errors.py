@@ -15,12 +15,12 @@ from pydantic import TypeAdapter
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import EndState, end_state, path_for
+from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import surface_state
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.press import contact_measures
 from sim.scene.scene import Effect, Preset, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions

@@ -4,9 +4,9 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.contact_signature import contact_signature
 from sim.mesh.elements import ElementOrder
-from sim.press import contact_measures
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sim.contact.contact_surface import State
+from sim.fields.contact_moment_and_area import contact_measures
 from sim.mesh.elements import ElementOrder
-from sim.press import contact_measures
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.loading_path import Hold, LoadingPath

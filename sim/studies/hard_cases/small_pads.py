@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim.contact.contact_surface import ContactOptions, Grip
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.brick_refinement import kuhn_tets
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

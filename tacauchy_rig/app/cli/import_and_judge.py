@@ -22,8 +22,8 @@ from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
-    from reports.evidence.evidence import RunEvidence
-    from reports.evidence.read_attempt import RunReading
+    from reports.evidence.evidence_types import RunEvidence
+    from reports.evidence.recorded_frames_and_curves import RunReading
     from tacauchy_rig.core.config.settings import RigConfig
     from tacauchy_rig.core.simulated import Outputs
 
@@ -113,7 +113,7 @@ def judge(
         is_task: Only write what a simulator needs to know about the presses.
     """
     from reports.comparison.simulator_comparison import judge as judged
-    from reports.page.simulator_comparison import write_judgement
+    from reports.page.simulator_comparison_page import write_judgement
     from tacauchy_rig.app.judging.task_and_baseline import replay_outputs, write_task
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.app.replay.report_run import evidence_of

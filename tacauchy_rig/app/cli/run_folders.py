@@ -16,7 +16,7 @@ from tacauchy_rig.core.errors import AbortedError, command_line
 
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
-    from reports.evidence.read_attempt import RunReading
+    from reports.evidence.recorded_frames_and_curves import RunReading
     from sim.accuracy import Tolerance
     from tacauchy_rig.app.replay.optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay

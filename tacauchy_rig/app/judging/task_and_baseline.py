@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import LinearNDInterpolator
 
-from reports.evidence.evidence import RunEvidence
-from reports.evidence.read_attempt import RunReading, readable
+from reports.evidence.evidence_types import RunEvidence
+from reports.evidence.recorded_frames_and_curves import RunReading, readable
 from reports.scores.force_uncertainty import predict
 from sim.scene.indenter import Indenter, describe
 from sim.scene.pad import Pad

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.evidence.read_attempt import AttemptReading, RunReading
+from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
 from sim.accuracy import Tolerance
 from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
-from reports.evidence.read_attempt import AttemptReading
+from reports.evidence.recorded_frames_and_curves import AttemptReading
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_tracking import PrintedMarkers, find_markers, follow_markers

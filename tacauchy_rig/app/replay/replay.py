@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.evidence import TrialImages
-from reports.evidence.read_attempt import AttemptReading, RunReading
+from reports.evidence.evidence_types import TrialImages
+from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
 from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from sim.accuracy import Tolerance

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.recorded_frames_and_curves import RunReading
 from sim.accuracy import setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields

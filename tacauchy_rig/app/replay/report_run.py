@@ -2,9 +2,9 @@
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import RunEvidence
-from reports.evidence.load_evidence import load_evidence
-from reports.evidence.read_attempt import RunReading, readable
+from reports.evidence.evidence_from_run_folder import load_evidence
+from reports.evidence.evidence_types import RunEvidence
+from reports.evidence.recorded_frames_and_curves import RunReading, readable
 from reports.figures.all_figures import RECORDED, draw_some, load_drawers
 from reports.page.report_files import ReportPaths, make_room, write_report
 from tacauchy_rig.core.parallel import worker_process

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.evidence.read_attempt import AttemptReading
+from reports.evidence.recorded_frames_and_curves import AttemptReading
 from reports.scores.contact_scores import image_change, touched_by
 from reports.scores.pose_and_light_residual import register_changes
 from sim.effects.effect_choice import output_tolerances, plan_effects

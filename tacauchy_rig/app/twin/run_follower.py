@@ -16,8 +16,13 @@ import cv2
 import numpy as np
 
 from protocols.processes.ipc import Shown, ViewerOptions
-from reports.evidence.evidence import ImageGeometry
-from reports.evidence.read_attempt import AttemptReading, RunReading, crop_and_resize, median_image
+from reports.evidence.evidence_types import ImageGeometry
+from reports.evidence.recorded_frames_and_curves import (
+    AttemptReading,
+    RunReading,
+    crop_and_resize,
+    median_image,
+)
 from reports.scores.contact_scores import (
     contact_footprint,
     contact_region,

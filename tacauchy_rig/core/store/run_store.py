@@ -1,13 +1,11 @@
 """One run's folder: the only way in and out for results, replays and what the run is."""
 
-import fcntl
 import io
 import logging
-import os
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -35,6 +33,7 @@ from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log
 from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, to_json
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import RunPaths, file_sha256, read_bytes, run_folder
+from tacauchy_rig.core.store.run_lock import run_lock
 
 _MAX_UNPACKED_BYTES = 1 << 30
 _REMEDY = "replay the run again: `tacauchy-rig replay RUN`"
@@ -465,24 +464,3 @@ def _check_description(found: dict[str, Any], path: Path) -> None:
             f"{path}: written in format {found['format']}; this program reads {FORMAT}",
             remedy="use the version of the program named under versions in that file",
         )
-
-
-@contextmanager
-def run_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``; the kernel lets go of it when this process ends."""
-    with writing(path):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
-            raise RecordError(
-                f"{path.parent}: process {holder} is working on this run",
-                remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
-            ) from error
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
-        yield
-    finally:
-        os.close(descriptor)

@@ -15,7 +15,7 @@ from reports.comparison.criteria import (
 )
 from reports.comparison.result_types import ValidationReport, headline_of
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.scores.wrong_forces import ForceMargin
 from tacauchy_rig.core.run import Criterion
 from tests.made_model import made_model

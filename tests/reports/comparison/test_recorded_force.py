@@ -9,9 +9,9 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import ImageGeometry
-from reports.evidence.load_evidence import load_evidence
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.evidence_from_run_folder import load_evidence
+from reports.evidence.evidence_types import ImageGeometry
+from reports.evidence.recorded_frames_and_curves import RunReading
 from reports.page.report_files import write_report
 from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.store.recording.mcap_messages import ForceMessage, RawMessage, Topic

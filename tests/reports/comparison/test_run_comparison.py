@@ -11,7 +11,7 @@ import pytest
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
 from reports.comparison.verdict_sentences import fits_of
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from tacauchy_rig.core.force_sensor_gain import ForceHistory, TrialForce
 from tacauchy_rig.core.known_weight import ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.run import Imported, Tare

@@ -8,7 +8,7 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.simulator_comparison import Judgement, contests, judge
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 from tests.reports.replay_outputs import replay_outputs
 

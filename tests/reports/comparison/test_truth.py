@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from reports.comparison.recovered_truth import recover_truth
 from reports.comparison.result_types import ValidationReport
-from reports.comparison.run_comparison import compare, recover_truth
-from reports.evidence.evidence import EmulatedWorld, RunEvidence
+from reports.comparison.run_comparison import compare
+from reports.evidence.evidence_types import EmulatedWorld, RunEvidence
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.simulated import FoundValue
 from tests.made_model import made_model

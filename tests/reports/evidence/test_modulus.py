@@ -7,7 +7,7 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.verdict_sentences import limits_of
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.modulus_and_tilt_fit import fit_modulus, fit_tilt
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.force_depth import ForceDepthCurve

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from reports.comparison.result_types import ValidationReport
-from reports.evidence.evidence import IntermediateFrame, IntermediateState, TrialEvidence
+from reports.evidence.evidence_types import IntermediateFrame, IntermediateState, TrialEvidence
 from reports.page import report_files
 from reports.page.report_files import ReportPaths
 from reports.page.report_html import MOST_PRESSES

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from reports.comparison.result_types import ValidationReport
-from reports.evidence.evidence import camera_of
+from reports.evidence.evidence_types import camera_of
 from reports.page.report_files import (
     ReportPaths,
     build_summary,

@@ -10,7 +10,7 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import RunEvidence, TrialEvidence, TrialImages
+from reports.evidence.evidence_types import RunEvidence, TrialEvidence, TrialImages
 from reports.scores.floor_and_ceiling import (
     CeilingKind,
     SkillStatus,

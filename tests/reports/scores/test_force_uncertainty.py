@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence_types import RunEvidence
 from reports.scores.force_uncertainty import (
     Scatter,
     TermGroup,

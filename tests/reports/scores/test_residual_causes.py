@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from reports.evidence.evidence import TrialImages
+from reports.evidence.evidence_types import TrialImages
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.simulated import ResidualSplit

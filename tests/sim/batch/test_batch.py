@@ -13,7 +13,7 @@ from sim.contact.contact_surface import ContactOptions
 from sim.device import Device, on_host, replaced
 from sim.fields.stress import StressProjection, surface_stress
 from sim.material.elasticity_kernels import GelArrays
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder, quarter_hats
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -13,7 +13,7 @@ from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state, trial_fields
 from sim.fields.stress import InterfaceTraction, StressOnSides, cauchy_stress, interface_traction
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.clamping_and_sparsity import assembled
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh

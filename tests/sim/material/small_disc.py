@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -9,7 +9,7 @@ import scipy.sparse.linalg
 
 from sim.effects.presets import build_model
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import TetMesh, tet_volumes

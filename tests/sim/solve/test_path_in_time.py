@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.laws.law_and_tangent import law
+from sim.material.laws.law_tangent_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.evidence import TrialEvidence
-from reports.evidence.load_evidence import stated_of_run
+from reports.evidence.evidence_from_run_folder import stated_of_run
+from reports.evidence.evidence_types import TrialEvidence
 from reports.scores.force_uncertainty import ForceAgreement, compare_force, scatter_between
 from sim.replay import replay_forces
 from sim.scene.scene import Preset

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.recorded_frames_and_curves import RunReading
 from reports.scores.residual_causes import UNMENDABLE, Cause
 from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from reports.evidence.evidence import RunEvidence
-from reports.evidence.load_evidence import load_evidence, stated_curve
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.evidence_from_run_folder import load_evidence, stated_curve
+from reports.evidence.evidence_types import RunEvidence
+from reports.evidence.recorded_frames_and_curves import RunReading
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.evidence.evidence import RunEvidence
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.evidence_types import RunEvidence
+from reports.evidence.recorded_frames_and_curves import RunReading
 from sim.fields.press_fields import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.slope_kernel import indenter_height

@@ -19,7 +19,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, norm
 
-from reports.evidence.load_evidence import stated_of_run
+from reports.evidence.evidence_from_run_folder import stated_of_run
 from sim.mesh_bias_correction import rules_of
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode

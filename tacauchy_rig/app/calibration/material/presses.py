@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.read_attempt import readable
+from reports.evidence.recorded_frames_and_curves import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.importing.source_files import Source
 from tacauchy_rig.app.importing.text_tables import Column, read_table

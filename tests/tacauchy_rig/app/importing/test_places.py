@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.recorded_frames_and_curves import RunReading
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of

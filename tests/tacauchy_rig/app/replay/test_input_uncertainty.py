@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.evidence.evidence import TrialImages
+from reports.evidence.evidence_types import TrialImages
 from reports.scores.residual_causes import UNMENDABLE, Cause
 from sim.replay import replay_forces
 from sim.scene.indenter import Cylinder

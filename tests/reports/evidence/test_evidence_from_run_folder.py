@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence import ImageGeometry, RunEvidence
-from reports.evidence.load_evidence import load_evidence, read_true_dwells, summarize_journal
-from reports.evidence.read_attempt import RunReading
+from reports.evidence.emulated_truth import read_true_dwells
+from reports.evidence.evidence_from_run_folder import load_evidence, summarize_journal
+from reports.evidence.evidence_types import ImageGeometry, RunEvidence
+from reports.evidence.recorded_frames_and_curves import RunReading
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.simulated import Replay

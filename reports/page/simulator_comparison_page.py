@@ -20,7 +20,7 @@ from reports.comparison.simulator_comparison import (
     Score,
     contests,
 )
-from reports.evidence.evidence import TrialEvidence, TrialImages
+from reports.evidence.evidence_types import TrialEvidence, TrialImages
 from reports.figures.differences import (
     DIFFERENCE_COLORS,
     LINEAR_LEVELS,

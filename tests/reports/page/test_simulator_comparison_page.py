@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from reports.comparison.simulator_comparison import judge
-from reports.evidence.evidence import RunEvidence
-from reports.page.simulator_comparison import JudgedPaths, write_judgement
+from reports.evidence.evidence_types import RunEvidence
+from reports.page.simulator_comparison_page import JudgedPaths, write_judgement
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 from tests.reports.replay_outputs import replay_outputs

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from reports.comparison.criteria import MAX_SETTLED_CHANGE
-from reports.evidence.evidence import ImageGeometry
-from reports.evidence.read_attempt import (
+from reports.evidence.evidence_types import ImageGeometry
+from reports.evidence.recorded_frames_and_curves import (
     AttemptReading,
     crop_and_resize,
     decode_frame,
