@@ -12,8 +12,8 @@ from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Entry, Journal, Sink
 from protocols.guard.abort import Abort
-from protocols.processes.camera import mark_of
-from protocols.processes.recorder import RecordKeeper, encoded
+from protocols.processes.camera_process import mark_of
+from protocols.processes.recorder_process import RecordKeeper, encoded
 from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config

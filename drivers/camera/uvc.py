@@ -18,7 +18,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera.devices import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
+from drivers.camera.device_choice import (
+    VideoDevice,
+    find_device,
+    is_on_this_computer,
+    is_url,
+    probe_url,
+)
 from drivers.camera.exposure_settings import READ_TIMEOUT_S, Capture, open_camera, open_url
 from drivers.camera.frame_checks import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
 from drivers.camera.v4l2_modes import PixelFormat

@@ -16,10 +16,18 @@ from typing import Any, Self
 from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import Launched, launch_children
-from protocols.processes.ipc import AbortRequest, Ack, Job, Order, PageOptions, Ready, ViewerOptions
+from protocols.processes.messages_and_channels import (
+    AbortRequest,
+    Ack,
+    Job,
+    Order,
+    PageOptions,
+    Ready,
+    ViewerOptions,
+)
 from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
+from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.programme import ProgrammeResult, describe_safe
-from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from protocols.control.cycle import Cycle, Press
-from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.depth_limits import Floor, search_floor
 from protocols.guard.force_limits import Contact
 from protocols.steps.motion import come_to_rest, downward, listen

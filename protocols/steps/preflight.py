@@ -1,7 +1,7 @@
 """Before a run: off the gel, near home, playing, streams alive; the motion once in the air."""
 
 from protocols.control.cycle import Cycle
-from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.steps import motion
 from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Journal
-from protocols.guard.breach import BreachError, Reaction, reaction_to
+from protocols.guard.breach_and_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.workspace import describe
 from protocols.steps.motion import SLOW_M_S, clear_height, is_at_rest

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Journal
-from protocols.guard.breach import BreachError
+from protocols.guard.breach_and_reaction import BreachError
 from protocols.steps.preflight import press_air, run_preflight
+from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.repeat_attempts import do_step, press_until_passed
-from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord

@@ -5,10 +5,10 @@ from typing import TypeVar
 
 from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Journal
-from protocols.guard.breach import BreachError
+from protocols.guard.breach_and_reaction import BreachError
 from protocols.steps.motion import ARRIVED_M, clear_height
 from protocols.steps.safe_end import end_safely
-from protocols.trials.trial import PlannedTrial, run_trial
+from protocols.trials.attempt_and_criteria import PlannedTrial, run_trial
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.run import Phase, TrialRecord
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from reports.comparison.result_types import ValidationReport
 from reports.evidence.evidence_types import RunEvidence
-from reports.figures.differences import LINEAR_LEVELS
+from reports.figures.difference_colours import LINEAR_LEVELS
 from tacauchy_rig.core.markdown_page import prose
 
 if TYPE_CHECKING:

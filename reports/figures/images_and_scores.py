@@ -16,7 +16,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.result_types import TrialResult, ValidationReport
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence
-from reports.figures.differences import (
+from reports.figures.difference_colours import (
     DIFFERENCE_COLORS,
     LEAST_LIMIT,
     LINEAR_LEVELS,

@@ -19,7 +19,7 @@ import pytest
 
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.plant.truth import draw_truth, write_truth
-from drivers.emulators.process import END_TIMEOUT_S, DeviceSettings, command_line
+from drivers.emulators.process_and_posted_faults import END_TIMEOUT_S, DeviceSettings, command_line
 from drivers.interfaces import StreamingDevice
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
@@ -32,8 +32,8 @@ FORKED.set_forkserver_preload(
     [
         "tests.drivers.arm.test_ur5",
         "drivers.emulators.arm.controller",
-        "drivers.emulators.force_sensor.box",
-        "protocols.processes.control",
+        "drivers.emulators.force_sensor.m8128_box_and_noise",
+        "protocols.processes.control_process",
         "protocols.processes.page.server",
         "tests.mock.streams",
     ]

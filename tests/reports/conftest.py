@@ -21,8 +21,8 @@ from reports.evidence.evidence_types import (
     TrialEvidence,
     TrialImages,
 )
-from reports.page import report_files
-from reports.page.report_files import ReportPaths, write_report
+from reports.page import report_files_summary_and_junit as report_files
+from reports.page.report_files_summary_and_junit import ReportPaths, write_report
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (

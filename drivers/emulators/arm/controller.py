@@ -13,8 +13,9 @@ from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 
-from drivers.arm.ur5_protocol import RuntimeState
-from drivers.emulators.arm.controller_state import (
+from drivers.arm.ur5_rtde_protocol import RuntimeState
+from drivers.emulators.arm.rtde_and_dashboard_ports import DashboardPort, RtdePort, ScriptPort
+from drivers.emulators.arm.safety_motion_and_force_estimate import (
     EMERGENCY_STOP,
     NORMAL,
     PROGRAM_END_DECELERATION,
@@ -24,9 +25,13 @@ from drivers.emulators.arm.controller_state import (
     ForceEstimate,
     Safety,
 )
-from drivers.emulators.arm.ports import DashboardPort, RtdePort, ScriptPort
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
-from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.process_and_posted_faults import (
+    DeviceSettings,
+    Service,
+    keep_time,
+    run_device,
+)
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6

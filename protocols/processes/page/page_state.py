@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from protocols.processes.ipc import Job, Shown
+from protocols.processes.messages_and_channels import Job, Shown
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError

@@ -13,7 +13,7 @@ from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
-    from protocols.processes.ipc import ViewerOptions
+    from protocols.processes.messages_and_channels import ViewerOptions
     from protocols.processes.viewer_processes import Viewing
 
 TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
@@ -49,7 +49,7 @@ def viewers_of(*, twin: str = "", foxglove: int | None = None) -> list[ViewerOpt
         ConfigError: The port cannot be had, or a package is missing.
     """
     from tacauchy_rig.app.twin.run_follower import Follows, twin_options
-    from tacauchy_rig.app.viewers.options import address, viewer_options
+    from tacauchy_rig.app.viewers.foxglove_options import address, viewer_options
 
     viewers = [twin_options(Follows(twin))] if twin else []
     if foxglove is not None:

@@ -304,7 +304,7 @@ def press(
     """
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
-    from protocols.processes.ipc import PageOptions
+    from protocols.processes.messages_and_channels import PageOptions
     from protocols.processes.supervisor import plan_session
     from protocols.processes.viewer_processes import listen
     from sim.sensor.sensor import load_sensor

@@ -269,7 +269,7 @@ def serve(
 
     import uvicorn
 
-    from protocols.processes.page.access import AccessRule
+    from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
     from tacauchy_rig.app.cli.live_viewing import open_in_browser
     from tacauchy_rig.app.results.run_lists import folder_of_runs

@@ -6,7 +6,7 @@ from reports.evidence.evidence_from_run_folder import load_evidence
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.recorded_frames_and_curves import RunReading, readable
 from reports.figures.all_figures import RECORDED, draw_some, load_drawers
-from reports.page.report_files import ReportPaths, make_room, write_report
+from reports.page.report_files_summary_and_junit import ReportPaths, make_room, write_report
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME
 

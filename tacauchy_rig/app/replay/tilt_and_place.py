@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
 from reports.evidence.recorded_frames_and_curves import AttemptReading
-from reports.scores.contact_scores import image_change, touched_by
+from reports.scores.contact_region_and_scores import image_change, touched_by
 from reports.scores.pose_and_light_residual import register_changes
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs

@@ -15,7 +15,7 @@ from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, R
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from protocols.processes.page.access import AccessRule
+from protocols.processes.page.access_token import AccessRule
 from reports.page.report_html import report_script
 from tacauchy_rig.app.results.run_lists import (
     Health,

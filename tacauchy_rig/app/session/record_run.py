@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.force_sensor.weighing import Load, weigh
 from protocols.guard.abort import AbortWatch
 from protocols.guard.force_witness import TOLERANCE, WORST_N, WORST_SHARE
-from protocols.processes.ipc import PageOptions, ViewerOptions
+from protocols.processes.messages_and_channels import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.app.session.expected_force import kept_expectation
 from tacauchy_rig.core.config.load import Change, LoadedConfig

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from protocols.processes.ipc import Shown, ViewerOptions
+from protocols.processes.messages_and_channels import Shown, ViewerOptions
 from reports.evidence.evidence_types import ImageGeometry
 from reports.evidence.recorded_frames_and_curves import (
     AttemptReading,
@@ -23,7 +23,7 @@ from reports.evidence.recorded_frames_and_curves import (
     crop_and_resize,
     median_image,
 )
-from reports.scores.contact_scores import (
+from reports.scores.contact_region_and_scores import (
     contact_footprint,
     contact_region,
     image_change,
@@ -105,7 +105,7 @@ def maps_of(frame: TwinFrame) -> dict[str, tuple[float, bytes]]:
     return found
 
 
-NAME, MODULE = "twin", "tacauchy_rig.app.twin"
+NAME, MODULE = "twin", "tacauchy_rig.app.twin.twin_process"
 FOLLOWS, DEVICE = "follows", "device"
 
 

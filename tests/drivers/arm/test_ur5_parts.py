@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from drivers.arm.ur5_connection import Commander
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_motion_and_watchdog import Ur5
-from drivers.arm.ur5_protocol import (
+from drivers.arm.ur5_rtde_protocol import (
     INPUT_TYPES,
     OUTPUT_TYPES,
     RTDE_PORT,

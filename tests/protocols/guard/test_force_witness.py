@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.emulators.arm.controller_state import COARSENESS, ForceEstimate
-from protocols.guard.breach import BreachError, Reaction
+from drivers.emulators.arm.safety_motion_and_force_estimate import COARSENESS, ForceEstimate
+from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.force_witness import (
     CREEP_SHARE,
     DEEPEST_SHARE,

@@ -12,7 +12,7 @@ from reports.comparison.run_comparison import compare
 from reports.evidence.evidence_from_run_folder import load_evidence
 from reports.evidence.evidence_types import ImageGeometry
 from reports.evidence.recorded_frames_and_curves import RunReading
-from reports.page.report_files import write_report
+from reports.page.report_files_summary_and_junit import write_report
 from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.store.recording.mcap_messages import ForceMessage, RawMessage, Topic
 from tacauchy_rig.core.store.recording.mcap_reader import Recording

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from reports.comparison.result_types import ValidationReport
-from reports.figures.differences import (
+from reports.figures.difference_colours import (
     LEAST_LIMIT,
     color_difference,
     difference_scale,
     luminance_difference,
 )
 from reports.figures.images_and_scores import draw_matrices
-from reports.page.report_files import write_report
+from reports.page.report_files_summary_and_junit import write_report
 
 
 def test_no_difference_is_beyond_the_scale(report: ValidationReport) -> None:

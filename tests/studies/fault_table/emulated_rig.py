@@ -10,9 +10,9 @@ from pathlib import Path
 
 from jinja2 import Template
 
-from drivers.arm.ur5_protocol import DASHBOARD_PORT
+from drivers.arm.ur5_rtde_protocol import DASHBOARD_PORT
 from drivers.emulators.faults import Device, Fault, FaultKind
-from drivers.emulators.force_sensor.box import LINK_NAME
+from drivers.emulators.force_sensor.m8128_box_and_noise import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig

@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from drivers.emulators.faults import Fault
-from drivers.emulators.process import post_fault
+from drivers.emulators.process_and_posted_faults import post_fault
 from tacauchy_rig.app.session.record_run import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase

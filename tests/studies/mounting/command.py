@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from scipy.optimize import brentq
 
-from drivers.emulators.force_sensor.box import ForceChannel
+from drivers.emulators.force_sensor.m8128_box_and_noise import ForceChannel
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth

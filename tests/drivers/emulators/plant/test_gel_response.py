@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.force_sensor.box import ForceChannel
+from drivers.emulators.force_sensor.m8128_box_and_noise import ForceChannel
 from drivers.emulators.plant.gel_response import Plant, Relaxation, tilted_depths
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.ipc import Job, Shown
+from protocols.processes.messages_and_channels import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
 from protocols.processes.page.small_picture import WIDEST_PX, reduced
 from protocols.processes.supervisor import plan_session

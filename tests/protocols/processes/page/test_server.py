@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import pytest
 from starlette.datastructures import Headers
 
-from protocols.processes.page.access import AccessRule
+from protocols.processes.page.access_token import AccessRule
 from protocols.processes.page.server import CONNECTIONS_MAX, WATCHERS_MAX
 from tacauchy_rig.core.run import Outcome
 

@@ -9,12 +9,12 @@ import typer
 from typer.testing import CliRunner
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
-from drivers.emulators.process import DeviceSettings, Service
+from drivers.emulators.process_and_posted_faults import DeviceSettings, Service
 from tacauchy_rig.app.cli import run_and_resume
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.live_viewing import contact_outline, told_of_errors, viewers_of
 from tacauchy_rig.app.cli.run_and_resume import Request
-from tacauchy_rig.app.viewers import options
+from tacauchy_rig.app.viewers import foxglove_options as options
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tests.recorded_run import empty_run

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import uvicorn
 
-from protocols.processes.page.access import AccessRule
+from protocols.processes.page.access_token import AccessRule
 from tacauchy_rig.app.gel_health import GelState, PressMeasures, compare_presses
 from tacauchy_rig.app.results.run_lists import Health
 from tacauchy_rig.app.results.server import ResultsServer

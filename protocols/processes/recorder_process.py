@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from protocols.control.entries_and_rates import Begin, End, Entry
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
-from protocols.processes.ipc import Ack, Channel, Job, Ready
+from protocols.processes.messages_and_channels import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal

@@ -14,7 +14,11 @@ from reports.comparison.result_types import TrialResult, ValidationReport, headl
 from reports.comparison.verdict_sentences import fits_of
 from reports.evidence.evidence_types import RunEvidence
 from reports.figures.all_figures import draw_figures
-from reports.figures.differences import color_difference, difference_scale, luminance_difference
+from reports.figures.difference_colours import (
+    color_difference,
+    difference_scale,
+    luminance_difference,
+)
 from reports.page.report_html import is_unknown, passing_states, render_html
 from reports.scores.confidence_interval import CONFIDENCE
 from reports.scores.floor_and_ceiling import NOISE_MULTIPLE

@@ -5,10 +5,10 @@ from contextlib import closing
 import pytest
 
 from protocols.control.entries_and_rates import Begin
-from protocols.processes.control import PERIOD_NS, Broadcast
-from protocols.processes.ipc import FeedWriters
+from protocols.processes.control_process import PERIOD_NS, Broadcast
+from protocols.processes.messages_and_channels import FeedWriters
 from protocols.steps.tare import take_tare
-from tests.protocols.processes.test_ipc import Line
+from tests.protocols.processes.test_messages_and_channels import Line
 
 
 @pytest.fixture

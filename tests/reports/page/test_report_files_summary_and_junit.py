@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from reports.comparison.result_types import ValidationReport
 from reports.evidence.evidence_types import camera_of
-from reports.page.report_files import (
+from reports.page.report_files_summary_and_junit import (
     ReportPaths,
     build_summary,
     junit_xml,

@@ -2,11 +2,11 @@
 
 from importlib.util import find_spec
 
-from protocols.processes.ipc import ViewerOptions
+from protocols.processes.messages_and_channels import ViewerOptions
 from protocols.processes.viewer_processes import LOOPBACK, listen
 from tacauchy_rig.core.errors import ConfigError
 
-NAME, MODULE, PORT = "foxglove", "tacauchy_rig.app.viewers", "port"
+NAME, MODULE, PORT = "foxglove", "tacauchy_rig.app.viewers.foxglove_publisher", "port"
 PACKAGE = "foxglove"
 OPTION = "--foxglove"
 SOURCES = ("twin",)

@@ -11,7 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.force_sensor.box import TRACE_FILE, BoxCommands, WrenchSource, open_trace
+from drivers.emulators.force_sensor.m8128_box_and_noise import (
+    TRACE_FILE,
+    BoxCommands,
+    WrenchSource,
+    open_trace,
+)
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import ClassVar
 
-from drivers.arm.ur5_protocol import (
+from drivers.arm.ur5_rtde_protocol import (
     DASHBOARD_PORT,
     INPUT_TYPES,
     OUTPUT_TYPES,
@@ -21,7 +21,7 @@ from drivers.arm.ur5_protocol import (
     pack_packet,
     split_names,
 )
-from drivers.emulators.arm.controller_state import VERSIONS, ControllerBody
+from drivers.emulators.arm.safety_motion_and_force_estimate import VERSIONS, ControllerBody
 from drivers.emulators.faults import take_due
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError

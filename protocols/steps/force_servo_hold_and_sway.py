@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
-from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.depth_limits import DepthGuard
 from protocols.guard.force_limits import Contact
 from protocols.steps.motion import downward, summarise
