@@ -26,7 +26,13 @@ from drivers.camera.device_choice import (
     probe_url,
 )
 from drivers.camera.exposure_settings import READ_TIMEOUT_S, Capture, open_camera, open_url
-from drivers.camera.frame_checks import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
+from drivers.camera.jpeg_touch_and_roll_checks import (
+    RollWatch,
+    encoded,
+    frame_shape,
+    is_jpeg,
+    jpeg_size,
+)
 from drivers.camera.v4l2_modes import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer

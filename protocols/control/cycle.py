@@ -13,7 +13,7 @@ from protocols.guard.abort import Abort
 from protocols.guard.arm_following import FollowGuard
 from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.force_limits import ForceGuard
-from protocols.guard.force_witness import Witness
+from protocols.guard.force_witness_and_band import Witness
 from protocols.guard.stale_streams import StreamGuard
 from protocols.guard.workspace import Workspace
 from tacauchy_rig.core.config.settings import RigConfig

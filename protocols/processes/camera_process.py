@@ -8,7 +8,7 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.frame_checks import TouchWatch, clipped_ratio
+from drivers.camera.jpeg_touch_and_roll_checks import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
 from protocols.control.entries_and_rates import Begin
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child

@@ -31,7 +31,7 @@ from protocols.trials.programme import ProgrammeResult, describe_safe
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.journal_and_hashed_files import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
 

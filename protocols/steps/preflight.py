@@ -3,7 +3,7 @@
 from protocols.control.cycle import Cycle
 from protocols.guard.breach_and_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
-from protocols.steps import motion
+from protocols.steps import moves_and_force_window as motion
 from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 

@@ -3,7 +3,7 @@
 from drivers.force_sensor.weighing import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach_and_reaction import BreachError, Reaction
-from protocols.steps.motion import listen
+from protocols.steps.moves_and_force_window import listen
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Criterion, Tare
 

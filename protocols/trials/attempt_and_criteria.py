@@ -17,7 +17,7 @@ from protocols.steps.force_servo_hold_and_sway import (
     settle,
     sway,
 )
-from protocols.steps.motion import approach, home_pose, listen, move_to, retract
+from protocols.steps.moves_and_force_window import approach, home_pose, listen, move_to, retract
 from protocols.steps.safe_end import end_safely
 from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.errors import AbortedError, RigError

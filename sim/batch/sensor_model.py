@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.contact_surface import ContactOptions
+from sim.contact.contact_surface_and_grip import ContactOptions
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh

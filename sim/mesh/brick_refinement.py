@@ -22,7 +22,7 @@ import scipy
 
 from sim.mesh.elements import boundary_faces
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, oriented, tet_volumes
+from sim.mesh.tet_mesh_and_cache import TetMesh, oriented, tet_volumes
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

@@ -49,7 +49,7 @@ class Renderer:
     """A kind of sensor images, found in the registry by ``optics.kind``."""
 
     # From ``[optics]``, the lamps and the file's name for messages to the colours before any
-    # calibration, a ``sim.optics.colour.colour_model.ColourModel``; None where the file gives none
+    # calibration, a ``ColourModel`` of ``sim.optics.colour``; None where the file gives none
     read: Callable[[Mapping[str, Any], tuple[Lamp, ...], str], Any]
     needed: tuple[str, ...] = ()  # keys that ``[optics]`` must have, beside ``kind``
     optional: tuple[str, ...] = ("source",)

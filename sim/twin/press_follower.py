@@ -9,20 +9,20 @@ import warp as wp
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from sim.accuracy import coarse_reference, estimate_from
 from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, path_for
-from sim.fields.contact_traction import surface_traction
-from sim.fields.press_fields import top_surface
-from sim.optics.colour.colour_model import ColourModel
+from sim.error_estimate_and_tolerance import coarse_reference, estimate_from
+from sim.fields.contact_pressure_and_shear import surface_traction
+from sim.fields.top_surface_npz_and_vtu import top_surface
+from sim.optics.colour.colour_model_and_response import ColourModel
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point import PathPoint
+from sim.solve.path_point_and_prediction import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 
@@ -82,7 +82,7 @@ def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> S
     """Press a scene's path and preset fast's to some forces, and state the errors of the former's.
 
     On edges longer than preset fast's nothing is known of what is left (a punch is off by more than
-    ``sim.accuracy`` says there), so the difference to preset fast is measured, and the
+    the rules of errors say there), so the difference to preset fast is measured, and the
     estimated error of preset fast is added. The path is left at the largest force.
     """
     fast = replace(scene, refinement=1.0)

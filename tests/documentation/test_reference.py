@@ -2,7 +2,7 @@
 
 import tacauchy_rig
 from tacauchy_rig.app.cli.app import COMMANDS
-from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI
+from tacauchy_rig.app.replay.simulator_inputs import DEPTH_SHARE, PRESSURE_MODULI
 from tacauchy_rig.core.config.load import load_config
 from tests.documentation.reference import commands, public_names, rig_toml
 from tests.documentation.words import DOCS

@@ -4,7 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from sim.accuracy import (
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import PressOutputs
+from sim.effects.press_with_effects import CoarsePress, coarse_press
+from sim.error_estimate_and_tolerance import (
     NOT_ASKED,
     RELATIVE_COSTS,
     Tolerance,
@@ -16,10 +20,6 @@ from sim.accuracy import (
     parse_tolerance,
     setting_of,
 )
-from sim.effects.effect_choice import plan_effects
-from sim.effects.planned_effects import EffectPlan
-from sim.effects.press_outputs import PressOutputs
-from sim.effects.press_with_effects import CoarsePress, coarse_press
 from sim.mesh_bias_correction import Setting
 from sim.press import press
 from sim.press_arguments import scene_from

@@ -8,9 +8,9 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.accuracy import Tolerance, parse_tolerance
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
+from sim.error_estimate_and_tolerance import Tolerance, parse_tolerance
 from sim.press_arguments import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor

@@ -79,7 +79,7 @@ def _of(module: str, *names: str) -> dict[str, str]:
 COMMANDS = {
     **_of("run_and_resume", "run", "dry-run", "resume"),
     **_of("doctor", "doctor", "check-press"),
-    **_of("run_folders", "replay", "report", "recover", "export", "serve"),
+    **_of("replay_report_export_serve", "replay", "report", "recover", "export", "serve"),
     **_of("press", "press", "plan"),
     **_of("sweep", "sweep"),
     "import": "tacauchy_rig.app.cli.import_and_judge:import_",

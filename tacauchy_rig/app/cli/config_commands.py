@@ -15,7 +15,7 @@ def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFi
 
     Example: tacauchy-rig config show rig.toml
     """
-    from tacauchy_rig.app.replay.inputs import check_gel, check_replay
+    from tacauchy_rig.app.replay.simulator_inputs import check_gel, check_replay
     from tacauchy_rig.core.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
@@ -57,7 +57,7 @@ def show_ceilings(json_file: JsonFile = None) -> None:
 
     Example: tacauchy-rig config ceilings
     """
-    from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI
+    from tacauchy_rig.app.replay.simulator_inputs import DEPTH_SHARE, PRESSURE_MODULI
     from tacauchy_rig.core.config.unit_fields import ceilings
     from tacauchy_rig.core.markdown_page import page
 

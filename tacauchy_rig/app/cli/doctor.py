@@ -34,7 +34,7 @@ def doctor(
     config = load_config(path, overrides=overrides or ()).config
     from drivers.device_checks import device_checks
     from tacauchy_rig.app.host_checks import host_checks
-    from tacauchy_rig.app.replay.inputs import check_gel, check_replay
+    from tacauchy_rig.app.replay.simulator_inputs import check_gel, check_replay
     from tacauchy_rig.core.check_result import checked
 
     checks = [

@@ -13,8 +13,13 @@ from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_pre
 from drivers.emulators.plant.truth import EmulatedUnit, GelDisc, GelLight, MarkerGrid, read_truth
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.inputs import sensor_of
-from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
+from tacauchy_rig.app.replay.chosen_optics import (
+    Calibrate,
+    OpticalCalibration,
+    Say,
+    calibrate_folder,
+)
+from tacauchy_rig.app.replay.simulator_inputs import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
 

@@ -76,7 +76,7 @@ def _check(config: RigConfig) -> None:
     replay = config.replay
     is_plain = replay.preset in {"auto", *Preset} and replay.drive in set(Drive)
     if not is_plain or replay.tolerance is not None or replay.law is not None:
-        from tacauchy_rig.app.replay.inputs import inputs_of
+        from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 
         inputs_of(config)
 

@@ -147,8 +147,8 @@ def resume(
         again (TRIAL): Press a passed trial once more.
     """
     from drivers.device_checks import require_devices
-    from tacauchy_rig.app.cli.run_folders import say_recovered
-    from tacauchy_rig.app.session.record_run import note_changes
+    from tacauchy_rig.app.cli.replay_report_export_serve import say_recovered
+    from tacauchy_rig.app.session.record_run_and_weight_check import note_changes
     from tacauchy_rig.core.config.load import resumed_config
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
@@ -202,7 +202,7 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 @doing("preparing the run")
 def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
     from drivers.device_checks import require_devices
-    from tacauchy_rig.app.session.record_run import create_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import create_run
 
     _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
@@ -215,7 +215,7 @@ def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.app.host_checks import descriptor_check
-    from tacauchy_rig.app.replay.inputs import check_gel, check_replay, inputs_of
+    from tacauchy_rig.app.replay.simulator_inputs import check_gel, check_replay, inputs_of
 
     descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     if descriptors.status is CheckStatus.FAIL:
@@ -228,7 +228,7 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
 
 def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
     from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
-    from tacauchy_rig.app.cli.run_folders import replay_and_show, report_and_exit
+    from tacauchy_rig.app.cli.replay_report_export_serve import replay_and_show, report_and_exit
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.core.parallel import worker_process
 
@@ -258,7 +258,7 @@ def _press_confirmed(
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.confirmation import confirm
     from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_run import (
+    from tacauchy_rig.app.session.record_run_and_weight_check import (
         missed_lines,
         needs_weight,
         require_bounded_force,
@@ -310,9 +310,9 @@ def press(
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
-    from tacauchy_rig.app.cli.progress import SessionProgress
+    from tacauchy_rig.app.cli.progress_and_weight_prompt import SessionProgress
     from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_run import record_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import record_run
     from tacauchy_rig.core.run import Outcome
 
     port = request.page_port
@@ -372,8 +372,8 @@ def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
-    from tacauchy_rig.app.cli.progress import ask_for_weight, hang_emulated
-    from tacauchy_rig.app.session.record_run import check_cell, mark_expired
+    from tacauchy_rig.app.cli.progress_and_weight_prompt import ask_for_weight, hang_emulated
+    from tacauchy_rig.app.session.record_run_and_weight_check import check_cell, mark_expired
 
     if weight is None:
         mark_expired(store)
@@ -388,7 +388,7 @@ def _check_force_after(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell once more after the last trial where it had to be, or was, checked before."""
-    from tacauchy_rig.app.session.record_run import ForceCheckError, needs_weight
+    from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, needs_weight
 
     before = store.force_check.load()
     if weight is None and before is not None and needs_weight(config):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import indenter_of, pad_centre, write_spec
+from tacauchy_rig.app.exporting.episode_and_import_toml import indenter_of, pad_centre, write_spec
 from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line

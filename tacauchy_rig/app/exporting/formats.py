@@ -74,7 +74,7 @@ def export(
         ConfigError: A library is not there.
     """
     # The command line offers the formats; what they bring is not even loaded for that.
-    from tacauchy_rig.app.exporting.episode import episodes_of  # noqa: PLC0415
+    from tacauchy_rig.app.exporting.episode_and_import_toml import episodes_of  # noqa: PLC0415
     from tacauchy_rig.core.store.run_store import RunStore  # noqa: PLC0415
 
     is_data_set = (source / INDEX).is_file()

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import (
+from tacauchy_rig.app.exporting.episode_and_import_toml import (
     Episode,
     Rows,
     even_rows,

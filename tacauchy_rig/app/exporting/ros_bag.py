@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.exporting.episode import Episode, pad_centre, write_spec
+from tacauchy_rig.app.exporting.episode_and_import_toml import Episode, pad_centre, write_spec
 from tacauchy_rig.app.importing.ros_bag import IMAGES, POSE, TYPES, WRENCH
 from tacauchy_rig.core.store.recording.mcap_messages import POSE_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore

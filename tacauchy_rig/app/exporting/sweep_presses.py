@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.scene.indenter import tilted
-from tacauchy_rig.app.exporting.episode import Episode
+from tacauchy_rig.app.exporting.episode_and_import_toml import Episode
 from tacauchy_rig.app.importing.press_detection import Samples
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.shards import LARGE, WRENCH, parquet

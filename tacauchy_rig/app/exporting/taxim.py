@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.optics.colour.photometric import PhotometricModel
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_jpeg

@@ -10,14 +10,20 @@ from matplotlib.tri import Triangulation
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
+from sim.fields.top_surface_npz_and_vtu import (
+    TrialFields,
+    gel_vtu,
+    indenter_vtu,
+    passed_states,
+    trial_fields,
+)
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.simulated_markers import draw_markers, marker_places, surface_displacement
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.plot_style import FRAMED_STYLE, PAGE_IN, save_figure

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
-from sim.accuracy import Tolerance
+from sim.error_estimate_and_tolerance import Tolerance
 from sim.scene.indenter import describe
-from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord

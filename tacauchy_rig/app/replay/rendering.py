@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.recorded_frames_and_curves import AttemptReading
-from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
+from sim.fields.top_surface_npz_and_vtu import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_tracking import PrintedMarkers, find_markers, follow_markers
 from sim.optics.markers.simulated_markers import MarkerPrinter, seen_motion
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, grey_frame, nominal_optics
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, grey_frame, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.simulated import IMAGE_S, MarkerMotion, Replay

@@ -9,14 +9,14 @@ import math
 
 import numpy as np
 
-from sim.accuracy import estimated
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import path_for
-from sim.replay import replay_scene
+from sim.error_estimate_and_tolerance import estimated
+from sim.force_matched_replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
+from tacauchy_rig.app.replay.simulator_inputs import indenter_of, sensor_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

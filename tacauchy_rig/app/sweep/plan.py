@@ -21,7 +21,7 @@ from sim.scene.indenter import MeshIndenter
 from sim.scene.pad import BoxPad
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.load import read_section, read_toml
 from tacauchy_rig.core.config.unit_fields import Length, Ratio, Section

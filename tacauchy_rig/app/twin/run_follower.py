@@ -32,8 +32,8 @@ from reports.scores.contact_region_and_scores import (
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.twin.press_follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
-from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError

@@ -12,7 +12,7 @@ from protocols.processes.messages_and_channels import Ack, Channel
 from protocols.processes.recorder_link import BETWEEN_ATTEMPTS, RecorderLink
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ForceSample, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.journal_and_hashed_files import append_event, read_journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 
 

@@ -14,7 +14,7 @@ from protocols.guard.depth_limits import BEYOND_M
 from protocols.guard.force_limits import Contact
 from protocols.steps.contact_search import search_contact
 from protocols.steps.force_servo_hold_and_sway import ForceServo
-from protocols.steps.motion import approach
+from protocols.steps.moves_and_force_window import approach
 from protocols.steps.tare import take_tare
 from tests.mock.world import Gel
 from tests.protocols.conftest import NEAR, breach

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sim.contact.contact_surface import ContactOptions
+from sim.contact.contact_surface_and_grip import ContactOptions
 from sim.material.laws.law_tangent_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.revolved import Grading, revolved_mesh
+from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.model import Model

@@ -12,7 +12,7 @@ from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
 from sim.material.laws.law_tangent_and_lame import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.revolved import Grading, revolved_mesh
+from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.press import press
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Sphere, tilted

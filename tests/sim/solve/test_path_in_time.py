@@ -8,12 +8,12 @@ import pytest
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
-from sim.contact.contact_surface import ContactOptions
+from sim.contact.contact_surface_and_grip import ContactOptions
 from sim.material.laws.law_tangent_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.revolved import Grading, revolved_mesh
+from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad

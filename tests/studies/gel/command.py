@@ -30,7 +30,7 @@ from tacauchy_rig.app.calibration.material.fit import (
 )
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.cli.studies import study_command
-from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig

@@ -19,8 +19,8 @@ from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.optics import Say
+from tacauchy_rig.app.replay.chosen_optics import Say
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord

@@ -12,15 +12,15 @@ import typer
 
 from reports.evidence.recorded_frames_and_curves import RunReading
 from reports.scores.residual_causes import UNMENDABLE, Cause
+from sim.force_matched_replay import replay_forces
 from sim.optics.colour.photometric import PhotometricModel
-from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.inputs import ReplayInputs
-from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.press_grouping import measured_attempts
 from tacauchy_rig.app.replay.replay import SplitPart, split_images
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit

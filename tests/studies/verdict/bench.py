@@ -6,21 +6,21 @@ from dataclasses import dataclass, replace
 from reports.evidence.evidence_from_run_folder import load_evidence, stated_curve
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.recorded_frames_and_curves import RunReading
-from sim.fields.press_fields import TrialFields
-from sim.replay import replay_forces
+from sim.fields.top_surface_npz_and_vtu import TrialFields
+from sim.force_matched_replay import replay_forces
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs
-from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.optics import (
+from tacauchy_rig.app.replay.chosen_optics import (
     Calibrate,
     OpticalCalibration,
     Say,
     optics_of,
     say_nothing,
 )
+from tacauchy_rig.app.replay.input_uncertainty import force_inputs
+from tacauchy_rig.app.replay.parts_pressed_and_kept import press_together
 from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
-from tacauchy_rig.app.replay.replay_parts import press_together
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import mounted
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay

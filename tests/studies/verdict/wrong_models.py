@@ -8,13 +8,13 @@ import numpy as np
 
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.recorded_frames_and_curves import RunReading
-from sim.fields.press_fields import SurfaceState
+from sim.fields.top_surface_npz_and_vtu import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.optics import nominal_optics
+from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.verdict.bench import Bench
 

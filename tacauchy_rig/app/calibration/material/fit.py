@@ -24,10 +24,10 @@ from sim.mesh_bias_correction import rules_of
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode
 from sim.scene.scene_parsing import parse_indenter
-from sim.sensitivity import COARSE, kept_forces
+from sim.sensitivity_and_tilt import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
-from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map

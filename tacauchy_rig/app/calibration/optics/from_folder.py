@@ -50,7 +50,7 @@ from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
-from tacauchy_rig.app.replay import optics as replay_optics
+from tacauchy_rig.app.replay import chosen_optics as replay_optics
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_png

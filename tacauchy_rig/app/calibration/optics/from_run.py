@@ -16,8 +16,8 @@ from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.calibration.optics.from_folder import OpticsRequest, OpticsResult
 from tacauchy_rig.app.importing.text_tables import as_csv
-from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
-from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
+from tacauchy_rig.app.replay.chosen_optics import CIRCLES, NO_CONTACT
+from tacauchy_rig.app.replay.simulator_inputs import indenter_of, sensor_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import CalibratedOptics, HeldOutPress, ImageAgreement

@@ -30,7 +30,7 @@ from tacauchy_rig.core.store.check.attempt_check import (
     short_hash,
     within,
 )
-from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent
+from tacauchy_rig.core.store.journal_and_hashed_files import Journal, JournalLine, StoreEvent
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.core.store.run_files import is_inside
@@ -54,7 +54,7 @@ CONTACT_DEPTH_M = 5e-5
 search's speed, for a few turns and until it has come to rest."""
 
 ARM_WINDOW_S = 0.2
-"""The protocol takes the arm's estimate as a mean over this long (``force_witness.py``)."""
+"""The protocol takes the mean of the arm's estimate over this long."""
 
 ARM_STILL_S = 0.3
 """So long after the search began, the arm still standing, it makes that mean its zero

@@ -14,7 +14,7 @@ from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from tacauchy_rig.core.image_codec import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.journal_and_hashed_files import append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tests.tacauchy_rig.core.store.test_trusted_force import keep
 from tests.tacauchy_rig.core.test_force_sensor_gain import RIGHT, pressed

@@ -26,7 +26,7 @@ from tacauchy_rig.app.cli.output import (
     writable_folder,
     write_json,
 )
-from tacauchy_rig.app.cli.progress import (
+from tacauchy_rig.app.cli.progress_and_weight_prompt import (
     EMPTY,
     FULL,
     HOW_TO_STOP,

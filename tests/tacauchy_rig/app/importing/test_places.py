@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from reports.evidence.recorded_frames_and_curves import RunReading
-from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
+from sim.fields.top_surface_npz_and_vtu import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
+from tacauchy_rig.app.replay import parts_pressed_and_kept as replay_parts
 from tacauchy_rig.app.replay import replay as replaying
-from tacauchy_rig.app.replay import replay_parts
-from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay

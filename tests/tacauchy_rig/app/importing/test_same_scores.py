@@ -18,8 +18,8 @@ from reports.comparison.result_types import TrialResult
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, optics_of
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.store.run_store import RunStore

@@ -12,15 +12,15 @@ import pytest
 
 from reports.evidence.evidence_types import TrialImages
 from reports.scores.residual_causes import UNMENDABLE, Cause
-from sim.replay import replay_forces
+from sim.force_matched_replay import replay_forces
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
-from sim.sensitivity import forces_at
+from sim.sensitivity_and_tilt import forces_at
+from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.input_uncertainty import _quick, force_inputs, variations
-from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import replay_images
 from tacauchy_rig.app.replay.replay import SplitPart, split_images
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.simulated import FoundValue, ResidualSplit

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.force_matched_replay import reference_path, replay_forces
 from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.markers.simulated_markers import draw_markers, marker_places
-from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
-from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.optics import nominal_optics
+from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import (
     STATES,
     WIDTH_PX,
@@ -22,6 +21,7 @@ from tacauchy_rig.app.replay.rendering import (
     marker_motion,
     spread,
 )
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import (
     Dwell,
     find_offset,
@@ -32,7 +32,7 @@ from tacauchy_rig.app.replay.tilt_and_place import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 from tests.studies.mounting.command import drawn_dwells
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.accuracy import Tolerance
 from sim.effects.effect_choice import PRESET_TOLERANCE
+from sim.error_estimate_and_tolerance import Tolerance
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
 from sim.optics.colour.nominal_optics import nominal_photometric
@@ -20,8 +20,7 @@ from sim.scene.scene import ContactMode, Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import Lamp
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
-from tacauchy_rig.app.replay.optics import (
+from tacauchy_rig.app.replay.chosen_optics import (
     VIEWED,
     OpticalCalibration,
     Say,
@@ -29,6 +28,7 @@ from tacauchy_rig.app.replay.optics import (
     fitted_view,
     optics_of,
 )
+from tacauchy_rig.app.replay.simulator_inputs import check_optics, check_replay, inputs_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError
@@ -70,7 +70,9 @@ def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A run is replayed all the same, and nothing is promised."""
-    monkeypatch.setattr("tacauchy_rig.app.replay.inputs.OF_AUTO", Tolerance(relative=1e-7))
+    monkeypatch.setattr(
+        "tacauchy_rig.app.replay.simulator_inputs.OF_AUTO", Tolerance(relative=1e-7)
+    )
     settled = inputs_of(configured()).settled([1.0])
     scene = settled.scene([1.0])
     assert (scene.preset, scene.refinement, scene.tolerance) == (Preset.BALANCED, 1.0, None)

@@ -21,7 +21,7 @@ from tacauchy_rig.app.calibration.material.fit import (
     predict_left_out,
 )
 from tacauchy_rig.app.calibration.material.sensor_file import fit_term, sensor_text, with_gel
-from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.gel.command import BALL as DRAWN_BALL

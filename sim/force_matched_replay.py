@@ -11,7 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from sim.accuracy import (
+from sim.effects.effect_choice import plan_effects
+from sim.effects.planned_effects import EffectPlan
+from sim.effects.press_outputs import outputs_of
+from sim.effects.press_with_effects import CoarsePath, end_state, path_for
+from sim.error_estimate_and_tolerance import (
     ErrorEstimate,
     Tolerance,
     alternatives,
@@ -22,11 +26,7 @@ from sim.accuracy import (
     failed,
     setting_of,
 )
-from sim.effects.effect_choice import plan_effects
-from sim.effects.planned_effects import EffectPlan
-from sim.effects.press_outputs import outputs_of
-from sim.effects.press_with_effects import CoarsePath, end_state, path_for
-from sim.fields.press_fields import (
+from sim.fields.top_surface_npz_and_vtu import (
     IntermediateStates,
     TrialFields,
     intermediate_state,
@@ -40,7 +40,7 @@ from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, 
 from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point import PathPoint
+from sim.solve.path_point_and_prediction import PathPoint
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.time_limits import time_limit

@@ -18,8 +18,8 @@ from sim.mesh.elements import (
     reference_element,
 )
 from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
-from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.tet_mesh import (
+from sim.mesh.revolved_mesh import Grading, revolved_mesh
+from sim.mesh.tet_mesh_and_cache import (
     TetMesh,
     cache_folder,
     oriented,

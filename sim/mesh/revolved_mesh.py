@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.mesh.tet_mesh_and_cache import TetMesh, oriented
 from sim.scene.pad import ParametricPad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

@@ -10,8 +10,8 @@ from typing import Any
 from reports.page.report_html import at
 from sim.scene.indenter import describe
 from tacauchy_rig.app.gel_health import COVERAGE, Change, GelState, compare_runs
-from tacauchy_rig.app.replay.inputs import indenter_of
 from tacauchy_rig.app.replay.open_run import open_run
+from tacauchy_rig.app.replay.simulator_inputs import indenter_of
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.json_codec import loads

@@ -17,8 +17,8 @@ from tacauchy_rig.core.errors import AbortedError, command_line
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
     from reports.evidence.recorded_frames_and_curves import RunReading
-    from sim.accuracy import Tolerance
-    from tacauchy_rig.app.replay.optics import Calibrate
+    from sim.error_estimate_and_tolerance import Tolerance
+    from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
@@ -46,7 +46,7 @@ def replay(
     from tacauchy_rig.core.time_limits import doing
 
     with doing("checking the recordings"):  # and loading the program, on a busy computer
-        from sim.accuracy import parse_tolerance
+        from sim.error_estimate_and_tolerance import parse_tolerance
         from tacauchy_rig.app.cli.emulated_calibration import (
             begin_calibration,
             emulated_calibration,
@@ -74,8 +74,8 @@ def replay(
 def _watch(run: RunReading, given: Path | None) -> None:
     """Write the page of a run and its twin."""
     from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
-    from tacauchy_rig.app.replay.inputs import sensor_of
-    from tacauchy_rig.app.replay.optics import optics_of
+    from tacauchy_rig.app.replay.chosen_optics import optics_of
+    from tacauchy_rig.app.replay.simulator_inputs import sensor_of
     from tacauchy_rig.app.twin.run_follower import watch_run
 
     config = run.store.config
@@ -272,7 +272,7 @@ def serve(
     from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
     from tacauchy_rig.app.cli.live_viewing import open_in_browser
-    from tacauchy_rig.app.results.run_lists import folder_of_runs
+    from tacauchy_rig.app.results.run_list_comparison_and_trend import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)
