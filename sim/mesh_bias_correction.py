@@ -14,7 +14,7 @@ improve scenes that were left out: the meshes are not nested, and the barrier's 
 
 from dataclasses import asdict, dataclass, replace
 
-from sim.effects.expected_depth_force_and_inertia import contact_radius, expected_depth
+from sim.effects.depth_and_inertia_scales import contact_radius, expected_depth
 from sim.effects.mesh_choice import MeshKind, mesh_choice
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import PressOutputs

@@ -12,7 +12,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import end_state
-from sim.error_estimate_and_tolerance import (
+from sim.error_estimate import (
     NOT_ASKED,
     ErrorEstimate,
     alternatives,
@@ -20,15 +20,15 @@ from sim.error_estimate_and_tolerance import (
     guaranteed,
     setting_of,
 )
-from sim.fields.cauchy_and_interface_stress import surface_stress
 from sim.fields.contact_moment_and_area import contact_measures
-from sim.fields.contact_pressure_and_shear import SurfaceTraction, surface_traction
+from sim.fields.pressure_and_shear import SurfaceTraction, surface_traction
+from sim.fields.stress import surface_stress
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import Corrected, correction
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.simulated import Alternative

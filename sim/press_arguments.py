@@ -4,8 +4,8 @@ import shlex
 from dataclasses import replace
 from typing import Any
 
-from sim.effects.expected_depth_force_and_inertia import expected_force
-from sim.error_estimate_and_tolerance import Tolerance, keeping_corrected, parse_tolerance
+from sim.effects.depth_and_inertia_scales import expected_force
+from sim.error_estimate import Tolerance, keeping_corrected, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import (

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sim.batch.batch import Batch as Batch
     from sim.batch.sensor_model import sensor_model as sensor_model
     from sim.effects.effect_choice import plan_effects as plan_effects
-    from sim.fields.contact_pressure_and_shear import surface_traction as surface_traction
+    from sim.fields.pressure_and_shear import surface_traction as surface_traction
     from sim.press import PressResult as PressResult
     from sim.press import press as press
     from sim.press_arguments import scene_from as scene_from
@@ -73,7 +73,7 @@ _PUBLIC = {
     "Sensor": "sim.sensor.sensor:Sensor",
     "sensor_model": "sim.batch.sensor_model:sensor_model",
     "Sphere": "sim.scene.indenter:Sphere",
-    "surface_traction": "sim.fields.contact_pressure_and_shear:surface_traction",
+    "surface_traction": "sim.fields.pressure_and_shear:surface_traction",
     "Target": "sim.scene.scene:Target",
     "trial_floors": "reports.scores.floor_and_ceiling:trial_floors",
 }

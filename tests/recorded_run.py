@@ -6,7 +6,7 @@ from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
 
-from drivers.camera.jpeg_touch_and_roll_checks import TouchWatch
+from drivers.camera.jpeg_touch_roll import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from protocols.control.cycle import Cycle
@@ -20,7 +20,7 @@ from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_confi
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock.bench import MockBench, SimulatedClock
 from tests.mock.streams import MockCamera

@@ -11,7 +11,7 @@ import pytest
 from tacauchy_rig.app.replay import replay
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.reports import conftest as made
 from tests.reports.conftest import FORCE_N, record, write_recording

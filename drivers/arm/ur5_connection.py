@@ -20,7 +20,7 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
-from drivers.arm.ur5_rtde_protocol import RuntimeState
+from drivers.arm.ur5_rtde import RuntimeState
 from tacauchy_rig.core.config.settings import RobotSection
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6

@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 from typing import Self
 
-from drivers.arm.ur5_rtde_protocol import (
+from drivers.arm.ur5_rtde import (
     DASHBOARD_PORT,
     OUTPUT_TYPES,
     PROTOCOL_VERSION,

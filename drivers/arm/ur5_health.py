@@ -6,13 +6,7 @@ import time
 
 import psutil
 
-from drivers.arm.ur5_rtde_protocol import (
-    RTDE_PORT,
-    RobotMode,
-    RuntimeState,
-    in_words,
-    safety_reason,
-)
+from drivers.arm.ur5_rtde import RTDE_PORT, RobotMode, RuntimeState, in_words, safety_reason
 from drivers.interfaces import ProgramEndedError
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample

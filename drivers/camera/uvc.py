@@ -18,21 +18,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera.device_choice import (
-    VideoDevice,
-    find_device,
-    is_on_this_computer,
-    is_url,
-    probe_url,
-)
+from drivers.camera.choice import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
 from drivers.camera.exposure_settings import READ_TIMEOUT_S, Capture, open_camera, open_url
-from drivers.camera.jpeg_touch_and_roll_checks import (
-    RollWatch,
-    encoded,
-    frame_shape,
-    is_jpeg,
-    jpeg_size,
-)
+from drivers.camera.jpeg_touch_roll import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
 from drivers.camera.v4l2_modes import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer

@@ -13,7 +13,7 @@ from drivers.emulators.camera.frame_server import VIDEO_DEVICE, preloaded
 from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth
-from drivers.emulators.process_and_posted_faults import DeviceSettings, EmulatedProcess, post_fault
+from drivers.emulators.process import DeviceSettings, EmulatedProcess, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError

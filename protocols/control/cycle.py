@@ -11,7 +11,7 @@ from drivers.interfaces import ProgramEndedError, Rig
 from protocols.control.entries_and_rates import RateMeter, Sink
 from protocols.guard.abort import Abort
 from protocols.guard.arm_following import FollowGuard
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import ForceGuard
 from protocols.guard.force_witness_and_band import Witness
 from protocols.guard.stale_streams import StreamGuard

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 
 LEAST_TRAVEL_M = 50e-6
 """Commanded travel below which nothing is concluded: a servo at its target hardly moves."""

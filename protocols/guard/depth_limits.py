@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.config.settings import RigConfig
 
 BEYOND_M = 0.0002

@@ -5,7 +5,7 @@ from collections import deque
 from enum import StrEnum
 from operator import sub
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.frozen_sensor import Liveness
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, ForceSample, Tare, Vector6, vector6

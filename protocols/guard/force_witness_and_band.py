@@ -16,7 +16,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
 from tacauchy_rig.core.force_sensor_gain import CREEP_SHARE

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.run import FZ, Vector6
 
 NOISE_SAMPLES = 30

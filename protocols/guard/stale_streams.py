@@ -3,7 +3,7 @@
 from collections import deque
 
 from drivers.interfaces import StreamHealth
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ForceSample
 

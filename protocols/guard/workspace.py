@@ -2,7 +2,7 @@
 
 import math
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.rotations import rotated

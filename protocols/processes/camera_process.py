@@ -8,19 +8,11 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.jpeg_touch_and_roll_checks import TouchWatch, clipped_ratio
+from drivers.camera.jpeg_touch_roll import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
 from protocols.control.entries_and_rates import Begin
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
-from protocols.processes.messages_and_channels import (
-    VIEWERS,
-    CameraStatus,
-    Channel,
-    FeedWriters,
-    Job,
-    Order,
-    Ready,
-)
+from protocols.processes.ipc import VIEWERS, CameraStatus, Channel, FeedWriters, Job, Order, Ready
 from protocols.processes.recorder_link import RecorderLink
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame

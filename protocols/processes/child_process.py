@@ -17,7 +17,7 @@ from typing import Any
 
 import protocols
 from protocols.guard.abort import SIGNALS
-from protocols.processes.messages_and_channels import Channel, FeedLines, Job
+from protocols.processes.ipc import Channel, FeedLines, Job
 from tacauchy_rig.core.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)

@@ -20,15 +20,7 @@ from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import ask_for_priority, run_child
-from protocols.processes.messages_and_channels import (
-    VIEWERS,
-    AbortRequest,
-    Channel,
-    FeedWriters,
-    Job,
-    Order,
-    Ready,
-)
+from protocols.processes.ipc import VIEWERS, AbortRequest, Channel, FeedWriters, Job, Order, Ready
 from protocols.processes.recorder_link import RecorderLink, RemoteCamera
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from drivers.interfaces import FrameMark, StreamHealth, TouchMode
 from protocols.control.entries_and_rates import Begin, End, Entry
-from protocols.processes.messages_and_channels import Ack, CameraStatus, Channel
+from protocols.processes.ipc import Ack, CameraStatus, Channel
 from protocols.processes.recorder_process import Encoded, RecordKeeper, encoded
 from tacauchy_rig.core.errors import DeviceError, RecordError, RigError
 from tacauchy_rig.core.store.run_store import RunStore

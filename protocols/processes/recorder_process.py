@@ -11,10 +11,10 @@ from dataclasses import replace
 
 from protocols.control.entries_and_rates import Begin, End, Entry
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
-from protocols.processes.messages_and_channels import Ack, Channel, Job, Ready
+from protocols.processes.ipc import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event, read_journal
+from tacauchy_rig.core.store.journal import append_event, read_journal
 from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic, encode
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore

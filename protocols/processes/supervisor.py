@@ -16,22 +16,14 @@ from typing import Any, Self
 from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import Launched, launch_children
-from protocols.processes.messages_and_channels import (
-    AbortRequest,
-    Ack,
-    Job,
-    Order,
-    PageOptions,
-    Ready,
-    ViewerOptions,
-)
+from protocols.processes.ipc import AbortRequest, Ack, Job, Order, PageOptions, Ready, ViewerOptions
 from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.attempt_criteria import PlannedTrial
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
 

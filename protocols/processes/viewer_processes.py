@@ -8,13 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from protocols.processes.child_process import Launched
-from protocols.processes.messages_and_channels import (
-    FeedLines,
-    Job,
-    Order,
-    PageOptions,
-    ViewerOptions,
-)
+from protocols.processes.ipc import FeedLines, Job, Order, PageOptions, ViewerOptions
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.run import JournalEvent
 

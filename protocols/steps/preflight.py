@@ -1,9 +1,9 @@
 """Before a run: off the gel, near home, playing, streams alive; the motion once in the air."""
 
 from protocols.control.cycle import Cycle
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
-from protocols.steps import moves_and_force_window as motion
+from protocols.steps import force_window_moves as motion
 from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 

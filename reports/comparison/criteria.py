@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence_types import TrialEvidence
-from reports.scores.contact_region_and_scores import ContactScores
+from reports.scores.contact_scores import ContactScores
 from reports.scores.force_uncertainty import ForceAgreement
 from reports.scores.pose_and_light_residual import Corrections, PoseResidual
 from reports.scores.wrong_forces import ForceMargin

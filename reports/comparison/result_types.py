@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from reports.comparison.criteria import COUNTS, COUNTS_OF_RUN, MARGIN
 from reports.evidence.evidence_types import RunEvidence, StreamSummary, TruthComparison
 from reports.scores.confidence_interval import MeanInterval
-from reports.scores.contact_region_and_scores import ContactScores
+from reports.scores.contact_scores import ContactScores
 from reports.scores.floor_and_ceiling import Ceiling, Floors, Skill
 from reports.scores.force_uncertainty import ForceAgreement
 from reports.scores.image_metrics import ImageScores

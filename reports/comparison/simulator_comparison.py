@@ -13,7 +13,7 @@ import numpy as np
 from reports.comparison.run_comparison import compare_images, image_means
 from reports.evidence.evidence_types import RunEvidence, TrialEvidence
 from reports.scores.confidence_interval import MeanInterval, t_interval
-from reports.scores.contact_region_and_scores import ContactScores, score_contact
+from reports.scores.contact_scores import ContactScores, score_contact
 from reports.scores.floor_and_ceiling import CeilingKind, Floors, Skill, trial_ceiling, trial_floors
 from reports.scores.force_uncertainty import difference
 from reports.scores.image_metrics import ImageScores, Metric

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from reports.evidence.evidence_types import EmulatedWorld
-from reports.evidence.recorded_frames_and_curves import readable
+from reports.evidence.frames_and_curves import readable
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.run_files import open_file
 from tacauchy_rig.core.store.run_store import RunStore

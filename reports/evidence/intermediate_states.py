@@ -7,11 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from reports.evidence.evidence_types import IntermediateFrame, IntermediateState
-from reports.evidence.recorded_frames_and_curves import (
-    AttemptReading,
-    crop_and_resize,
-    decode_frame,
-)
+from reports.evidence.frames_and_curves import AttemptReading, crop_and_resize, decode_frame
 from tacauchy_rig.core.arrays import AnyArray, FloatArray
 
 NEAR = 0.05

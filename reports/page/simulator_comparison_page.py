@@ -30,7 +30,7 @@ from reports.figures.difference_colours import (
 from reports.figures.images_and_scores import show_framed
 from reports.figures.trial_axis import force_title, shown
 from reports.page.report_html import page_environment
-from reports.scores.contact_region_and_scores import contact_crop, touched
+from reports.scores.contact_scores import contact_crop, touched
 from tacauchy_rig.core.image_codec import data_url
 from tacauchy_rig.core.plot_style import PAGE_IN, STYLE, new_figure, save_figure
 from tacauchy_rig.core.store.atomic_write import writing

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reports.scores import contact_region_and_scores as contact_scores
+from reports.scores import contact_scores
 from reports.scores.image_metrics import ImageScores, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.evidence.evidence_types import PressKey, TrialEvidence, TrialImages
-from reports.scores.contact_region_and_scores import image_change, relative_residual, touched
+from reports.scores.contact_scores import image_change, relative_residual, touched
 from reports.scores.floor_and_ceiling import press_over
 from reports.scores.image_metrics import ImageScores, Metric, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray

@@ -17,14 +17,14 @@ from scipy.stats.qmc import Sobol
 
 from sim.batch.batch import Batch
 from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
-from sim.error_estimate_and_tolerance import Tolerance, keeping_corrected
+from sim.error_estimate import Tolerance, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Effect, Motion, Scene, Target
-from sim.sensitivity_and_tilt import kept
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
+from sim.tilt_sensitivity import kept
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.contact_surface_and_grip import ContactOptions
+from sim.contact.surface_and_grip import ContactOptions
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_tangent_and_lame import law
+from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter

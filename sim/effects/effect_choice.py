@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from sim.effects import expected_depth_force_and_inertia as estimates
+from sim.effects import depth_and_inertia_scales as estimates
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.press_with_effects import COARSE_RATIOS, coarse_press
 from sim.scene.scene import Effect, Output, Preset, Scene

@@ -6,7 +6,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from sim.effects import expected_depth_force_and_inertia as estimates
+from sim.effects import depth_and_inertia_scales as estimates
 from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName

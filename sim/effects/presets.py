@@ -2,8 +2,8 @@
 
 from dataclasses import fields, replace
 
-from sim.contact.contact_surface_and_grip import ContactOptions
-from sim.effects.expected_depth_force_and_inertia import expected_depth
+from sim.contact.surface_and_grip import ContactOptions
+from sim.effects.depth_and_inertia_scales import expected_depth
 from sim.effects.mesh_choice import (
     MeshKind,
     Resolution,
@@ -17,12 +17,12 @@ from sim.effects.mesh_choice import (
 )
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_tangent_and_lame import law
+from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mesh_and_cache import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
-from sim.mesh.tet_mesh_and_cache import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor

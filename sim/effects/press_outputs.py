@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.contact_pressure_and_shear import contact_forces
+from sim.fields.pressure_and_shear import contact_forces
 from sim.mesh.elements import doubled_areas
 from sim.scene.scene import Output
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 _PERCENTILE = 0.95

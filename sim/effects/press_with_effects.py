@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from sim.contact.contact_surface_and_grip import Grip, State
-from sim.effects.expected_depth_force_and_inertia import expected_depth, most_force
+from sim.contact.surface_and_grip import Grip, State
+from sim.effects.depth_and_inertia_scales import expected_depth, most_force
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import build_model, regularised_indenter
 from sim.effects.press_outputs import PressOutputs, outputs_of
@@ -26,7 +26,7 @@ from sim.solve.force_search import find_force
 from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia, weight
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

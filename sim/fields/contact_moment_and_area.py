@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 

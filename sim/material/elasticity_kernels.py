@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sim.device import constant_table, repeatable, start_warp
-from sim.material.laws.law_tangent_and_lame import Law, Tangent, cofactor, tangent_block
+from sim.material.laws.law_and_lame import Law, Tangent, cofactor, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
 start_warp()

@@ -23,7 +23,7 @@ import warp as wp
 
 from sim.device import Device, on_host
 from sim.material.elasticity_kernels import stress_kernel
-from sim.material.laws.law_tangent_and_lame import Law
+from sim.material.laws.law_and_lame import Law
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

@@ -21,8 +21,8 @@ import numpy as np
 import scipy
 
 from sim.mesh.elements import boundary_faces
+from sim.mesh.mesh_and_cache import TetMesh, oriented, tet_volumes
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh_and_cache import TetMesh, oriented, tet_volumes
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

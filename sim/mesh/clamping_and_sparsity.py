@@ -20,7 +20,7 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
-from sim.mesh.tet_mesh_and_cache import TetMesh
+from sim.mesh.mesh_and_cache import TetMesh
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 

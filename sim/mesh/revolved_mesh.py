@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
+from sim.mesh.mesh_and_cache import TetMesh, oriented
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh_and_cache import TetMesh, oriented
 from sim.scene.pad import ParametricPad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from sim.mesh.mesh_and_cache import TetMesh, oriented
 from sim.mesh.revolved_mesh import triangulated
-from sim.mesh.tet_mesh_and_cache import TetMesh, oriented
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

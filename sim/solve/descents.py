@@ -12,8 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.contact.barrier_and_friction_kernels import Pressed
-from sim.contact.contact_surface_and_grip import ContactForces, ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
+from sim.contact.surface_and_grip import ContactForces, ContactSurface, Grip, State
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels

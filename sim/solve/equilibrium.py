@@ -27,7 +27,7 @@ pressure: points that have come to touch take hold once the steps have ended.
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sim.contact.contact_surface_and_grip import ContactForces, Grip, State
+from sim.contact.surface_and_grip import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
 from sim.solve.descent_state import Mode, Status

@@ -22,7 +22,7 @@ import scipy.sparse.linalg
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.device import Device, on_host
 from sim.mesh.clamping_and_sparsity import SparsePattern
 from sim.scene.indenter import Indenter

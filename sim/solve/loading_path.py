@@ -17,13 +17,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.load_steps import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from sim.solve.model import Model
 from sim.solve.overlap_and_inversion import OVERLAP_SHARE, base_depth_m
-from sim.solve.path_point_and_prediction import PathCounts, PathPoint
+from sim.solve.path_point import PathCounts, PathPoint
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

@@ -5,19 +5,14 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from sim.contact.contact_surface_and_grip import (
-    ContactForces,
-    ContactOptions,
-    ContactSurface,
-    State,
-)
+from sim.contact.surface_and_grip import ContactForces, ContactOptions, ContactSurface, State
 from sim.device import KERNEL_EPSILON, Device, on_host
 from sim.material.elastic_body import ElasticBody
-from sim.material.laws.law_tangent_and_lame import Law
+from sim.material.laws.law_and_lame import Law
 from sim.material.relaxation import PronySeries
 from sim.mesh.clamping_and_sparsity import discretise
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh_and_cache import TetMesh
+from sim.mesh.mesh_and_cache import TetMesh
 from tacauchy_rig.core.arrays import FloatArray
 
 

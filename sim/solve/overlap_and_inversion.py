@@ -16,7 +16,7 @@ import logging
 import numpy as np
 import scipy.sparse.linalg
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.mesh.clamping_and_sparsity import assembled
 from sim.scene.indenter import Indenter, Plane, TurnedIndenter
 from sim.solve.model import Model

@@ -13,16 +13,16 @@ from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, path_for
-from sim.error_estimate_and_tolerance import coarse_reference, estimate_from
-from sim.fields.contact_pressure_and_shear import surface_traction
-from sim.fields.top_surface_npz_and_vtu import top_surface
-from sim.optics.colour.colour_model_and_response import ColourModel
+from sim.error_estimate import coarse_reference, estimate_from
+from sim.fields.npz_and_vtu import top_surface
+from sim.fields.pressure_and_shear import surface_traction
+from sim.optics.colour.colour_model import ColourModel
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
+from reports.evidence.frames_and_curves import AttemptReading, RunReading
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RecordError

@@ -38,8 +38,8 @@ class Kind(StrEnum):
 
 _OWN: dict[Kind, dict[str, str]] = {
     Kind.ARM: {
-        "ur5": "drivers.arm.ur5_motion_and_watchdog:Ur5",
-        "emulated": "drivers.arm.ur5_motion_and_watchdog:Ur5",
+        "ur5": "drivers.arm.ur5_and_watchdog:Ur5",
+        "emulated": "drivers.arm.ur5_and_watchdog:Ur5",
     },
     Kind.FORCE_SENSOR: {
         "m3733c": "drivers.force_sensor.sri_m3733c:SriM3733c",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from reports.evidence.evidence_types import ImageGeometry
-from reports.evidence.recorded_frames_and_curves import RunReading, crop_and_resize, decode_frame
+from reports.evidence.frames_and_curves import RunReading, crop_and_resize, decode_frame
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError

@@ -19,7 +19,7 @@ import pytest
 
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.plant.truth import draw_truth, write_truth
-from drivers.emulators.process_and_posted_faults import END_TIMEOUT_S, DeviceSettings, command_line
+from drivers.emulators.process import END_TIMEOUT_S, DeviceSettings, command_line
 from drivers.interfaces import StreamingDevice
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel

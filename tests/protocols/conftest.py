@@ -12,8 +12,8 @@ from drivers.interfaces import Rig
 from protocols.control.cycle import Cycle
 from protocols.control.entries_and_rates import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
-from protocols.guard.breach_and_reaction import BreachError, Reaction
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.guard.breach_reaction import BreachError, Reaction
+from protocols.trials.attempt_criteria import PlannedTrial
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig

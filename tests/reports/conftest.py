@@ -21,10 +21,10 @@ from reports.evidence.evidence_types import (
     TrialEvidence,
     TrialImages,
 )
-from reports.page import report_files_summary_and_junit as report_files
-from reports.page.report_files_summary_and_junit import ReportPaths, write_report
+from reports.page import summary_and_junit as report_files
+from reports.page.summary_and_junit import ReportPaths, write_report
 from tacauchy_rig.core.config.settings import ReportSection
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,
@@ -37,7 +37,7 @@ from tacauchy_rig.core.run import (
     TrialRecord,
 )
 from tacauchy_rig.core.simulated import Replay, ReplayTrial
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model

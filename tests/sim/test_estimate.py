@@ -8,7 +8,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import PressOutputs
 from sim.effects.press_with_effects import CoarsePress, coarse_press
-from sim.error_estimate_and_tolerance import (
+from sim.error_estimate import (
     NOT_ASKED,
     RELATIVE_COSTS,
     Tolerance,

@@ -7,7 +7,7 @@ import pytest
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_outputs import PressOutputs
 from sim.effects.press_with_effects import coarse_press
-from sim.error_estimate_and_tolerance import Tolerance, alternatives, guaranteed, keeping_corrected
+from sim.error_estimate import Tolerance, alternatives, guaranteed, keeping_corrected
 from sim.mesh_bias_correction import WAY, corrected_settings, correction, rules_of
 from sim.press import press
 from sim.press_arguments import scene_from

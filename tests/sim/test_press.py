@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.contact.contact_surface_and_grip import ContactOptions
+from sim.contact.surface_and_grip import ContactOptions
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.top_surface_npz_and_vtu import surface_state
-from sim.material.laws.law_tangent_and_lame import law
+from sim.fields.npz_and_vtu import surface_state
+from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.optics.height.height_map import height_maps

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 
-from drivers.arm.ur5_rtde_protocol import RuntimeState
+from drivers.arm.ur5_rtde import RuntimeState
 from drivers.emulators.arm.rtde_and_dashboard_ports import DashboardPort, RtdePort, ScriptPort
 from drivers.emulators.arm.safety_motion_and_force_estimate import (
     EMERGENCY_STOP,
@@ -26,12 +26,7 @@ from drivers.emulators.arm.safety_motion_and_force_estimate import (
     Safety,
 )
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    Service,
-    keep_time,
-    run_device,
-)
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6

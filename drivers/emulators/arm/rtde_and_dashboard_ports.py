@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import ClassVar
 
-from drivers.arm.ur5_rtde_protocol import (
+from drivers.arm.ur5_rtde import (
     DASHBOARD_PORT,
     INPUT_TYPES,
     OUTPUT_TYPES,

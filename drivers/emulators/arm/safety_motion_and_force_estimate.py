@@ -5,7 +5,7 @@ import random
 from dataclasses import dataclass
 from operator import sub
 
-from drivers.arm.ur5_rtde_protocol import (
+from drivers.arm.ur5_rtde import (
     INPUT_TYPES,
     OUTPUT_TYPES,
     TYPE_FORMATS,

@@ -31,12 +31,7 @@ from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentImageF
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.lights_and_camera import GelCamera, Region
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    Service,
-    keep_time,
-    run_device,
-)
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.arrays import ImageArray
 

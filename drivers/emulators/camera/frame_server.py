@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.emulators.process_and_posted_faults import short_address
+from drivers.emulators.process import short_address
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError

@@ -22,12 +22,7 @@ import numpy as np
 from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentWrenchFaults
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    Service,
-    keep_time,
-    run_device,
-)
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from drivers.force_sensor.sri_protocol import (
     LINE_END,

@@ -9,12 +9,12 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from protocols.processes.messages_and_channels import Job, Shown
+from protocols.processes.ipc import Job, Shown
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import read_journal
+from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import ForceSeries, force_series

@@ -15,14 +15,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import Route
 
 from protocols.processes.child_process import ignore_signals, run_child
-from protocols.processes.messages_and_channels import (
-    AbortRequest,
-    Channel,
-    FeedReader,
-    Job,
-    Order,
-    feed_readers,
-)
+from protocols.processes.ipc import AbortRequest, Channel, FeedReader, Job, Order, feed_readers
 from protocols.processes.page.access_token import AccessRule
 from protocols.processes.page.page_state import View
 from protocols.processes.page.small_picture import reduced

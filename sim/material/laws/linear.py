@@ -8,7 +8,7 @@ Not objective: rotations of more than a few degrees give spurious stress.
 
 import warp as wp
 
-from sim.material.laws.law_tangent_and_lame import Law, Tangent, lame
+from sim.material.laws.law_and_lame import Law, Tangent, lame
 
 
 @wp.func

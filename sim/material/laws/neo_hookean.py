@@ -8,7 +8,7 @@ with I = tr F^T F, J = det F, K = E / (3 (1 - 2 nu)). Infinite for J <= 0.
 
 import warp as wp
 
-from sim.material.laws.law_tangent_and_lame import Law, Tangent, cofactor, lame
+from sim.material.laws.law_and_lame import Law, Tangent, cofactor, lame
 
 
 @wp.func

@@ -11,7 +11,7 @@ nu = 0.48, and a clamped one is pulled in at its sides and top.
 
 import warp as wp
 
-from sim.material.laws.law_tangent_and_lame import Law, Tangent, cofactor, lame
+from sim.material.laws.law_and_lame import Law, Tangent, cofactor, lame
 
 # Largest value of s (1 - s^3), at s = 4^(-1/3).
 _PUSH_MAX = 0.75 * 4.0 ** (-1.0 / 3.0)

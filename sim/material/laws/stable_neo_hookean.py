@@ -10,7 +10,7 @@ printed Eq. 2 does not give: that one has P(1) = mu 1.
 
 import warp as wp
 
-from sim.material.laws.law_tangent_and_lame import Law, Tangent, cofactor, lame
+from sim.material.laws.law_and_lame import Law, Tangent, cofactor, lame
 
 
 @wp.func

@@ -8,7 +8,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from sim.device import Device, filled
-from sim.fields.top_surface_npz_and_vtu import SurfaceState, TopSurface
+from sim.fields.npz_and_vtu import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.optics.markers.marker_kernel import (
     Projection,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
-from sim import error_estimate_and_tolerance as accuracy
+from sim import error_estimate as accuracy
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import coarse_press, end_state, follow, path_for

@@ -14,17 +14,17 @@ from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate_and_tolerance import Tolerance, keeping, setting_of
-from sim.fields.top_surface_npz_and_vtu import SurfaceState, surface_state
-from sim.force_matched_replay import replay_forces, replay_scene
+from sim.error_estimate import Tolerance, keeping, setting_of
+from sim.fields.npz_and_vtu import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
+from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.markdown_page import table_prose

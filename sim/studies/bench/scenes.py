@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
-from sim.error_estimate_and_tolerance import parse_tolerance
+from sim.error_estimate import parse_tolerance
 from sim.mesh_bias_correction import Corrected
 from sim.studies import from_file
 from tacauchy_rig.core.errors import ConfigError, RecordError

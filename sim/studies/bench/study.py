@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate_and_tolerance import Tolerance, parse_tolerance
+from sim.error_estimate import Tolerance, parse_tolerance
 from sim.press_arguments import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor

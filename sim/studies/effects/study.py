@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sim.effects.depth_and_inertia_scales import expected_force
 from sim.effects.effect_choice import plan_effects
-from sim.effects.expected_depth_force_and_inertia import expected_force
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.effects.press_with_effects import follow, forget, path_for
-from sim.error_estimate_and_tolerance import estimated
+from sim.error_estimate import estimated
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Layer, Material, RelaxationTerm

@@ -5,13 +5,13 @@ from itertools import pairwise, product
 import numpy as np
 
 from sim.fields.contact_moment_and_area import contact_measures
-from sim.fields.friction_and_torsion_signature import contact_signature
+from sim.fields.contact_signature import contact_signature
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia
 from sim.studies.hard_cases import small_pads
 from sim.studies.hard_cases.small_pads import Measured, Outcome

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.fields.contact_moment_and_area import contact_measures
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases import small_pads
 from sim.studies.hard_cases.small_pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray

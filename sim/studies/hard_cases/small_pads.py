@@ -4,18 +4,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import ContactOptions, Grip
-from sim.material.laws.law_tangent_and_lame import law
+from sim.contact.surface_and_grip import ContactOptions, Grip
+from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import kuhn_tets
 from sim.mesh.elements import ElementOrder
+from sim.mesh.mesh_and_cache import TetMesh, oriented
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
-from sim.mesh.tet_mesh_and_cache import TetMesh, oriented
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 

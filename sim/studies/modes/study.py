@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from sim.fields.cauchy_and_interface_stress import recovered_stress
-from sim.fields.friction_and_torsion_signature import SurfaceMaps, surface_maps, traction_arrows
+from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arrows
+from sim.fields.stress import recovered_stress
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.scene.scene_parsing import parse_indenter

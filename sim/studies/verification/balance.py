@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
-from sim.fields import cauchy_and_interface_stress as stress
+from sim.fields import stress
 from sim.press import press
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe

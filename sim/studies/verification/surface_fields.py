@@ -8,18 +8,18 @@ from typing import NamedTuple
 import matplotlib.tri
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import Grip
+from sim.contact.surface_and_grip import Grip
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model, regularised_indenter
-from sim.fields.contact_pressure_and_shear import surface_traction
-from sim.fields.top_surface_npz_and_vtu import top_surface
+from sim.fields.npz_and_vtu import top_surface
+from sim.fields.pressure_and_shear import surface_traction
 from sim.mesh.elements import quadratic_triangle_values
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.studies import from_file
 from sim.studies.verification import Row, exact, section
 from tacauchy_rig.core.arrays import FloatArray

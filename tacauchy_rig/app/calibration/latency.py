@@ -14,7 +14,7 @@ from tacauchy_rig.core.config.settings import RigConfig, SyncMode
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import FZ, Phase
-from tacauchy_rig.core.store.journal_and_hashed_files import read_journal
+from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 

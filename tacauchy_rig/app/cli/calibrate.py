@@ -141,7 +141,7 @@ def scale(
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
-    from reports.evidence.recorded_frames_and_curves import crop_and_resize
+    from reports.evidence.frames_and_curves import crop_and_resize
     from sim.optics.calibrate.ball_press import read_rgb
     from sim.optics.calibrate.pixel_scale import find_target, fit_scale, parse_target
     from tacauchy_rig.app.replay.open_run import scored_geometry

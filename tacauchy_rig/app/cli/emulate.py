@@ -167,7 +167,7 @@ def fault(
     Args:
         folder: The folder that `emulate start` printed.
     """
-    from drivers.emulators.process_and_posted_faults import post_fault
+    from drivers.emulators.process import post_fault
 
     post_fault(folder, parse_fault(text))
     say(f"sent to {folder}: {text}")

@@ -23,7 +23,7 @@ from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from reports.evidence.evidence_types import RunEvidence
-    from reports.evidence.recorded_frames_and_curves import RunReading
+    from reports.evidence.frames_and_curves import RunReading
     from tacauchy_rig.core.config.settings import RigConfig
     from tacauchy_rig.core.simulated import Outputs
 

@@ -13,7 +13,7 @@ from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
-    from protocols.processes.messages_and_channels import ViewerOptions
+    from protocols.processes.ipc import ViewerOptions
     from protocols.processes.viewer_processes import Viewing
 
 TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}

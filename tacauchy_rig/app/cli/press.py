@@ -135,7 +135,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     """
     from sim.effects.effect_choice import plan_effects
     from sim.effects.mesh_choice import mesh_choice
-    from sim.error_estimate_and_tolerance import alternatives, costs_of, guaranteed, setting_of
+    from sim.error_estimate import alternatives, costs_of, guaranteed, setting_of
     from sim.press_arguments import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
@@ -290,7 +290,7 @@ def _show(scene: Scene, result: PressResult) -> None:
 
 def _show_interfaces(result: PressResult) -> None:
     """Say what goes through where layers meet; nothing for a gel of one material."""
-    from sim.fields.cauchy_and_interface_stress import interface_traction
+    from sim.fields.stress import interface_traction
 
     found = interface_traction(result.model, result.point.state.positions)
     for number, interface in enumerate(found, start=1):

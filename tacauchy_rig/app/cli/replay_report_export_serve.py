@@ -16,8 +16,8 @@ from tacauchy_rig.core.errors import AbortedError, command_line
 
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
-    from reports.evidence.recorded_frames_and_curves import RunReading
-    from sim.error_estimate_and_tolerance import Tolerance
+    from reports.evidence.frames_and_curves import RunReading
+    from sim.error_estimate import Tolerance
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run_check import RunCheck
@@ -46,7 +46,7 @@ def replay(
     from tacauchy_rig.core.time_limits import doing
 
     with doing("checking the recordings"):  # and loading the program, on a busy computer
-        from sim.error_estimate_and_tolerance import parse_tolerance
+        from sim.error_estimate import parse_tolerance
         from tacauchy_rig.app.cli.emulated_calibration import (
             begin_calibration,
             emulated_calibration,
@@ -272,7 +272,7 @@ def serve(
     from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
     from tacauchy_rig.app.cli.live_viewing import open_in_browser
-    from tacauchy_rig.app.results.run_list_comparison_and_trend import folder_of_runs
+    from tacauchy_rig.app.results.run_list_and_trend import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)

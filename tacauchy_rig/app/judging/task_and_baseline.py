@@ -18,7 +18,7 @@ from pydantic import Field
 from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.evidence_types import RunEvidence
-from reports.evidence.recorded_frames_and_curves import RunReading, readable
+from reports.evidence.frames_and_curves import RunReading, readable
 from reports.scores.force_uncertainty import predict
 from sim.scene.indenter import Indenter, describe
 from sim.scene.pad import Pad

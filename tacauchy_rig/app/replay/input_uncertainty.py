@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
-from sim.sensitivity_and_tilt import COARSE, FINER, can_tilt, kept_forces
+from sim.tilt_sensitivity import COARSE, FINER, can_tilt, kept_forces
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.settings import RigConfig

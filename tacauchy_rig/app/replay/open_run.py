@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from reports.evidence.evidence_types import ImageGeometry
-from reports.evidence.recorded_frames_and_curves import RunReading
+from reports.evidence.frames_and_curves import RunReading
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.store.run_store import RunStore
 

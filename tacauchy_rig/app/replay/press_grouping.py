@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
-from sim.error_estimate_and_tolerance import Tolerance
+from reports.evidence.frames_and_curves import AttemptReading, RunReading
+from sim.error_estimate import Tolerance
 from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.settings import RigConfig

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from reports.evidence.evidence_types import TrialImages
-from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading
+from reports.evidence.frames_and_curves import AttemptReading, RunReading
 from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate_and_tolerance import Tolerance
-from sim.fields.top_surface_npz_and_vtu import SurfaceState, surface_state
+from sim.error_estimate import Tolerance
+from sim.fields.npz_and_vtu import SurfaceState, surface_state
 from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
-from sim.sensitivity_and_tilt import COARSE, can_tilt
+from sim.tilt_sensitivity import COARSE, can_tilt
 from tacauchy_rig.app.replay.chosen_optics import (
     Calibrate,
     OpticalCalibration,
@@ -29,7 +29,6 @@ from tacauchy_rig.app.replay.chosen_optics import (
     say_nothing,
 )
 from tacauchy_rig.app.replay.input_uncertainty import NEARLY_UPRIGHT, force_inputs, rounded_rim
-from tacauchy_rig.app.replay.parts_pressed_and_kept import PROBES_NAME, press_together, replay_parts
 from tacauchy_rig.app.replay.press_grouping import (
     Part,
     measured_attempts,
@@ -38,6 +37,7 @@ from tacauchy_rig.app.replay.press_grouping import (
     some_of_each,
     tools_of,
 )
+from tacauchy_rig.app.replay.pressed_parts import PROBES_NAME, press_together, replay_parts
 from tacauchy_rig.app.replay.rendering import image_of, rendered
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, check_optics
 from tacauchy_rig.app.replay.tilt_and_place import find_offset, mounted, offset_of

@@ -2,11 +2,11 @@
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence_from_run_folder import load_evidence
 from reports.evidence.evidence_types import RunEvidence
-from reports.evidence.recorded_frames_and_curves import RunReading, readable
+from reports.evidence.frames_and_curves import RunReading, readable
+from reports.evidence.gather_evidence import load_evidence
 from reports.figures.all_figures import RECORDED, draw_some, load_drawers
-from reports.page.report_files_summary_and_junit import ReportPaths, make_room, write_report
+from reports.page.summary_and_junit import ReportPaths, make_room, write_report
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME
 

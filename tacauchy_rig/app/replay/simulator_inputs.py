@@ -9,9 +9,9 @@ from enum import StrEnum
 from typing import TypeVar
 
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_estimate_and_tolerance import Tolerance, keeping, parse_tolerance, setting_of
-from sim.force_matched_replay import replay_scene
+from sim.error_estimate import Tolerance, keeping, parse_tolerance, setting_of
 from sim.optics.colour.nominal_optics import nominal_model
+from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Output, Preset, Scene, Target
 from sim.scene.scene_parsing import parse_indenter

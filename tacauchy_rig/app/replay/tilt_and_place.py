@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.evidence.recorded_frames_and_curves import AttemptReading
-from reports.scores.contact_region_and_scores import image_change, touched_by
+from reports.scores.contact_scores import image_change, touched_by
 from reports.scores.pose_and_light_residual import register_changes
 from sim.effects.effect_choice import output_tolerances, plan_effects
-from sim.sensitivity_and_tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.camera_geometry import CameraGeometry
+from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
 from tacauchy_rig.app.replay.chosen_optics import Say, say_nothing
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import FoundValue
 

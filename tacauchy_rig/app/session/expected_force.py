@@ -12,8 +12,8 @@ import numpy as np
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate_and_tolerance import estimated
-from sim.force_matched_replay import replay_scene
+from sim.error_estimate import estimated
+from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.simulator_inputs import indenter_of, sensor_of

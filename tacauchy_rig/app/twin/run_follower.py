@@ -15,15 +15,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from protocols.processes.messages_and_channels import Shown, ViewerOptions
+from protocols.processes.ipc import Shown, ViewerOptions
 from reports.evidence.evidence_types import ImageGeometry
-from reports.evidence.recorded_frames_and_curves import (
+from reports.evidence.frames_and_curves import (
     AttemptReading,
     RunReading,
     crop_and_resize,
     median_image,
 )
-from reports.scores.contact_region_and_scores import (
+from reports.scores.contact_scores import (
     contact_footprint,
     contact_region,
     image_change,

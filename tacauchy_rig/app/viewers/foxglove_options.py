@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from protocols.processes.messages_and_channels import ViewerOptions
+from protocols.processes.ipc import ViewerOptions
 from protocols.processes.viewer_processes import LOOPBACK, listen
 from tacauchy_rig.core.errors import ConfigError
 

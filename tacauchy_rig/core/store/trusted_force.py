@@ -11,7 +11,7 @@ from tacauchy_rig.core.force_sensor_gain import (
 )
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import read_journal
+from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.json_codec import read_value
 from tacauchy_rig.core.store.run_store import RunStore
 

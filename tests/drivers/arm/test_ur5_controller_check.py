@@ -8,16 +8,10 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5_controller_check import ControllerReport, probe_controller, require_ready
-from drivers.arm.ur5_rtde_protocol import (
-    DASHBOARD_PORT,
-    RTDE_PORT,
-    SCRIPT_PORT,
-    RuntimeState,
-    SafetyBit,
-)
+from drivers.arm.ur5_rtde import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, RuntimeState, SafetyBit
 from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.launch import free_loopback_host
-from drivers.emulators.process_and_posted_faults import post_fault
+from drivers.emulators.process import post_fault
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 

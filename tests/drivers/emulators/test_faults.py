@@ -25,12 +25,7 @@ from drivers.emulators.faults import (
     SilentWrenchFaults,
     parse_fault,
 )
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    Service,
-    control_path,
-    post_fault,
-)
+from drivers.emulators.process import DeviceSettings, Service, control_path, post_fault
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, DeviceError
 from tacauchy_rig.core.run import Vector6

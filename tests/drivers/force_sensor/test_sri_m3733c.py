@@ -15,7 +15,7 @@ import pytest
 
 from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.force_sensor.m8128_box_and_noise import LINK_NAME
-from drivers.emulators.process_and_posted_faults import post_fault
+from drivers.emulators.process import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from drivers.interfaces import DeviceIdentity
 from drivers.stream_buffer import device_holders

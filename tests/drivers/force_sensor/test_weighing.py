@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.process_and_posted_faults import hang_weight
+from drivers.emulators.process import hang_weight
 from drivers.force_sensor import weighing
 from drivers.force_sensor.weighing import Load, weigh, weigh_connected
 from tacauchy_rig.core.config.load import load_config

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.interfaces import FrameMark, ProgramEndedError, StreamHealth
 from protocols.control.entries_and_rates import RateMeter, lateness_ms
-from protocols.guard.breach_and_reaction import BreachError
+from protocols.guard.breach_reaction import BreachError
 from tacauchy_rig.core.errors import DeviceError
 
 ENDED = ProgramEndedError("robot: the program on the controller ended", remedy="start again")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact, ForceGuard
 from protocols.guard.frozen_sensor import NOISE_SAMPLES, Liveness
 from tacauchy_rig.core.run import ForceSample, Tare

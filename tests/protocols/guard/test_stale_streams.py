@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.interfaces import StreamHealth
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.stale_streams import StreamGuard
 from tacauchy_rig.core.run import ForceSample
 from tests.protocols.conftest import breach

@@ -9,7 +9,7 @@ import pytest
 
 from protocols.control.entries_and_rates import Begin
 from protocols.processes.camera_process import EXPOSURE_S, ExposureWatch, MarkSender
-from protocols.processes.messages_and_channels import Channel
+from protocols.processes.ipc import Channel
 from protocols.processes.recorder_link import RemoteCamera
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ImageFrame

@@ -9,7 +9,7 @@ from typing import Never
 import pytest
 
 from protocols.processes import child_process
-from protocols.processes.messages_and_channels import Channel
+from protocols.processes.ipc import Channel
 from tacauchy_rig.core.errors import RigError
 
 

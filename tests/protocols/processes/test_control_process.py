@@ -6,9 +6,9 @@ import pytest
 
 from protocols.control.entries_and_rates import Begin
 from protocols.processes.control_process import PERIOD_NS, Broadcast
-from protocols.processes.messages_and_channels import FeedWriters
+from protocols.processes.ipc import FeedWriters
 from protocols.steps.tare import take_tare
-from tests.protocols.processes.test_messages_and_channels import Line
+from tests.protocols.processes.test_ipc import Line
 
 
 @pytest.fixture

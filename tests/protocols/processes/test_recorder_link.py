@@ -8,11 +8,11 @@ import pytest
 
 from protocols.control.entries_and_rates import Begin, End
 from protocols.processes import recorder_link as link_module
-from protocols.processes.messages_and_channels import Ack, Channel
+from protocols.processes.ipc import Ack, Channel
 from protocols.processes.recorder_link import BETWEEN_ATTEMPTS, RecorderLink
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ForceSample, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event, read_journal
+from tacauchy_rig.core.store.journal import append_event, read_journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 
 

@@ -16,7 +16,7 @@ from protocols.processes.supervisor import plan_session, run_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run_check import check_run
-from tacauchy_rig.core.store.journal_and_hashed_files import read_journal
+from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
 from tests.drivers.conftest import changed

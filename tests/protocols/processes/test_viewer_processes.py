@@ -9,7 +9,7 @@ from contextlib import closing
 import pytest
 
 from protocols.processes import viewer_processes as viewing_module
-from protocols.processes.messages_and_channels import Job, PageOptions
+from protocols.processes.ipc import Job, PageOptions
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import Viewing
 from tacauchy_rig.core.errors import ConfigError

@@ -2,7 +2,7 @@
 
 import pytest
 
-from protocols.guard.breach_and_reaction import BreachError
+from protocols.guard.breach_reaction import BreachError
 from protocols.steps.preflight import leave_gel, run_preflight
 from protocols.steps.tare import take_tare
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.trials import programme, repeat_attempts
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Outcome

@@ -9,10 +9,10 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
-from reports.evidence.evidence_from_run_folder import load_evidence
 from reports.evidence.evidence_types import ImageGeometry
-from reports.evidence.recorded_frames_and_curves import RunReading
-from reports.page.report_files_summary_and_junit import write_report
+from reports.evidence.frames_and_curves import RunReading
+from reports.evidence.gather_evidence import load_evidence
+from reports.page.summary_and_junit import write_report
 from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.store.recording.mcap_messages import ForceMessage, RawMessage, Topic
 from tacauchy_rig.core.store.recording.mcap_reader import Recording

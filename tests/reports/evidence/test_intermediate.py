@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from reports.evidence.evidence_types import ImageGeometry
+from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.intermediate_states import intermediate_states
-from reports.evidence.recorded_frames_and_curves import AttemptReading
 from tacauchy_rig.app.judging.task_and_baseline import surface_values
 from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter

@@ -15,7 +15,7 @@ from reports.figures.difference_colours import (
     luminance_difference,
 )
 from reports.figures.images_and_scores import draw_matrices
-from reports.page.report_files_summary_and_junit import write_report
+from reports.page.summary_and_junit import write_report
 
 
 def test_no_difference_is_beyond_the_scale(report: ValidationReport) -> None:

@@ -15,9 +15,9 @@ import pytest
 
 from reports.comparison.result_types import ValidationReport
 from reports.evidence.evidence_types import IntermediateFrame, IntermediateState, TrialEvidence
-from reports.page import report_files_summary_and_junit as report_files
-from reports.page.report_files_summary_and_junit import ReportPaths
+from reports.page import summary_and_junit as report_files
 from reports.page.report_html import MOST_PRESSES
+from reports.page.summary_and_junit import ReportPaths
 
 STATES, HEIGHT, WIDTH = 8, 120, 160
 MANY = MOST_PRESSES + 2

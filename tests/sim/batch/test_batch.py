@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchOptions
 from sim.batch.sensor_model import sensor_model
-from sim.contact.contact_surface_and_grip import ContactOptions
+from sim.contact.surface_and_grip import ContactOptions
 from sim.device import Device, on_host, replaced
-from sim.fields.cauchy_and_interface_stress import StressProjection, surface_stress
+from sim.fields.stress import StressProjection, surface_stress
 from sim.material.elasticity_kernels import GelArrays
-from sim.material.laws.law_tangent_and_lame import law
+from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
 from sim.mesh.elements import ElementOrder, quarter_hats
 from sim.mesh.mirror_symmetry import MirrorSymmetry

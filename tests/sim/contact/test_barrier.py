@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.contact.contact_surface_and_grip import ContactForces, ContactOptions, State
+from sim.contact.surface_and_grip import ContactForces, ContactOptions, State
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.contact.contact_surface_and_grip import ContactOptions, State
+from sim.contact.surface_and_grip import ContactOptions, State
 from sim.device import Device
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere

@@ -8,8 +8,8 @@ import pytest
 import scipy.spatial
 from scipy.spatial.transform import Rotation
 
-from sim.contact.contact_surface_and_grip import ContactOptions
 from sim.contact.first_touch import first_touch
+from sim.contact.surface_and_grip import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import (
     Cylinder,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.contact import contact_surface_and_grip as contact_surface
+from sim.contact import surface_and_grip as contact_surface
 from sim.contact.barrier_and_friction_kernels import contact_kernels
-from sim.effects import expected_depth_force_and_inertia as estimates
+from sim.effects import depth_and_inertia_scales as estimates
 from sim.effects.effect_choice import plan_effects
 from sim.press import press
 from sim.press_arguments import scene_from

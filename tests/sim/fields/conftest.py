@@ -6,7 +6,7 @@ from sim.effects.presets import build_model
 from sim.press_arguments import scene_from
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 
 
 @pytest.fixture(scope="session")

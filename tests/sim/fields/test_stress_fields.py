@@ -9,16 +9,11 @@ import pyvista
 import scipy.sparse.linalg
 
 from sim.effects.presets import build_model, mesh_for
-from sim.fields.cauchy_and_interface_stress import (
-    InterfaceTraction,
-    StressOnSides,
-    cauchy_stress,
-    interface_traction,
-)
-from sim.fields.contact_pressure_and_shear import SurfaceTraction, surface_traction
-from sim.fields.top_surface_npz_and_vtu import gel_vtu, indenter_vtu, surface_state, trial_fields
+from sim.fields.npz_and_vtu import gel_vtu, indenter_vtu, surface_state, trial_fields
+from sim.fields.pressure_and_shear import SurfaceTraction, surface_traction
+from sim.fields.stress import InterfaceTraction, StressOnSides, cauchy_stress, interface_traction
 from sim.material.elastic_body import element_constants
-from sim.material.laws.law_tangent_and_lame import law
+from sim.material.laws.law_and_lame import law
 from sim.mesh.clamping_and_sparsity import assembled
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
@@ -28,7 +23,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.studies.verification.balance import forces_n, smooth_sides
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 

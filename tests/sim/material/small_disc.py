@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import ContactOptions
-from sim.material.laws.law_tangent_and_lame import law
+from sim.contact.surface_and_grip import ContactOptions
+from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.material.laws.law_tangent_and_lame import Law, law, tangent_block
+from sim.material.laws.law_and_lame import Law, law, tangent_block
 from sim.material.laws.paper_eq4 import free_stretch
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.device import on_host
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import LIGHT, build_model, light_resolution

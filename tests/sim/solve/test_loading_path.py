@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.material.laws.law_tangent_and_lame import law
+from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.press import press

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
 from sim.solve.loading_path import touch_height

@@ -8,8 +8,8 @@ import pytest
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
-from sim.contact.contact_surface_and_grip import ContactOptions
-from sim.material.laws.law_tangent_and_lame import law
+from sim.contact.surface_and_grip import ContactOptions
+from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry

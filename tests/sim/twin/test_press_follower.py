@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.effects.press_with_effects import path_for
-from sim.force_matched_replay import replay_scene
 from sim.press import press
+from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor

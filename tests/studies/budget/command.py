@@ -9,12 +9,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.evidence_from_run_folder import stated_of_run
 from reports.evidence.evidence_types import TrialEvidence
+from reports.evidence.gather_evidence import stated_of_run
 from reports.scores.force_uncertainty import ForceAgreement, compare_force, scatter_between
-from sim.force_matched_replay import replay_forces
+from sim.replay import replay_forces
 from sim.scene.scene import Preset
-from sim.sensitivity_and_tilt import forces_at
+from sim.tilt_sensitivity import forces_at
 from tacauchy_rig.app.cli.output import (
     ConfigFile,
     Jobs,
@@ -28,7 +28,7 @@ from tacauchy_rig.app.replay.input_uncertainty import force_inputs, variations
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jinja2 import Template
 
-from drivers.arm.ur5_rtde_protocol import DASHBOARD_PORT
+from drivers.arm.ur5_rtde import DASHBOARD_PORT
 from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.m8128_box_and_noise import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host

@@ -8,8 +8,8 @@ from contextlib import closing
 from pathlib import Path
 
 from drivers.emulators.faults import Fault
-from drivers.emulators.process_and_posted_faults import post_fault
-from tacauchy_rig.app.session.record_run_and_weight_check import MISSED
+from drivers.emulators.process import post_fault
+from tacauchy_rig.app.session.record_and_weigh import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.store.run_store import RunStore

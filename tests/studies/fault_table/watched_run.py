@@ -17,7 +17,7 @@ from tacauchy_rig.app.cli.confirmation import expected_answer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase
-from tacauchy_rig.core.store.journal_and_hashed_files import read_journal
+from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import RunPaths
 from tests.studies.fault_table.cases import Blow, BlowKind, Victim
 

@@ -23,7 +23,7 @@ from sim.scene.scene import ContactMode, Effect, Scene
 from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.studies.bench.scenes import ScenePress
 from sim.studies.bench.timed_press import goals_of, moves, pressing_frames, spread
 from tacauchy_rig.core.arrays import FloatArray

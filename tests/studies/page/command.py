@@ -19,9 +19,9 @@ import typer
 
 from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation
-from drivers.emulators.process_and_posted_faults import hang_weight
+from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort, AbortWatch
-from protocols.processes.messages_and_channels import PageOptions, ViewerOptions
+from protocols.processes.ipc import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit

@@ -14,7 +14,7 @@ from itertools import accumulate
 from pathlib import Path
 from random import Random
 
-from tacauchy_rig.core.store.journal_and_hashed_files import Journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording, scan_file
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths, open_file

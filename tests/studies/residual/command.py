@@ -10,10 +10,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.recorded_frames_and_curves import RunReading
+from reports.evidence.frames_and_curves import RunReading
 from reports.scores.residual_causes import UNMENDABLE, Cause
-from sim.force_matched_replay import replay_forces
 from sim.optics.colour.photometric import PhotometricModel
+from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text

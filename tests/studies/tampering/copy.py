@@ -15,7 +15,7 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
-from tacauchy_rig.core.store.journal_and_hashed_files import StoreEvent
+from tacauchy_rig.core.store.journal import StoreEvent
 from tacauchy_rig.core.store.json_codec import dumps
 from tacauchy_rig.core.store.recording.mcap_messages import RawMessage
 from tacauchy_rig.core.store.recording.mcap_reader import Recording

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from reports.evidence.evidence_from_run_folder import load_evidence, stated_curve
 from reports.evidence.evidence_types import RunEvidence
-from reports.evidence.recorded_frames_and_curves import RunReading
-from sim.fields.top_surface_npz_and_vtu import TrialFields
-from sim.force_matched_replay import replay_forces
+from reports.evidence.frames_and_curves import RunReading
+from reports.evidence.gather_evidence import load_evidence, stated_curve
+from sim.fields.npz_and_vtu import TrialFields
+from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.chosen_optics import (
     Calibrate,
@@ -17,8 +17,8 @@ from tacauchy_rig.app.replay.chosen_optics import (
     say_nothing,
 )
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
-from tacauchy_rig.app.replay.parts_pressed_and_kept import press_together
 from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
+from tacauchy_rig.app.replay.pressed_parts import press_together
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import mounted

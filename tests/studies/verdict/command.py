@@ -12,7 +12,7 @@ import typer
 from reports.comparison.result_types import ValidationReport, headline_of
 from reports.comparison.run_comparison import compare
 from reports.evidence.evidence_types import RunEvidence
-from reports.evidence.recorded_frames_and_curves import RunReading
+from reports.evidence.frames_and_curves import RunReading
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text

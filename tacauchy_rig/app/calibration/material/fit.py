@@ -19,12 +19,12 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, norm
 
-from reports.evidence.evidence_from_run_folder import stated_of_run
+from reports.evidence.gather_evidence import stated_of_run
 from sim.mesh_bias_correction import rules_of
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode
 from sim.scene.scene_parsing import parse_indenter
-from sim.sensitivity_and_tilt import COARSE, kept_forces
+from sim.tilt_sensitivity import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.recorded_frames_and_curves import readable
+from reports.evidence.frames_and_curves import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.importing.source_files import Source
 from tacauchy_rig.app.importing.text_tables import Column, read_table

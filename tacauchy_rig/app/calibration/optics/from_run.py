@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.evidence.recorded_frames_and_curves import AttemptReading, RunReading, median_image
+from reports.evidence.frames_and_curves import AttemptReading, RunReading, median_image
 from sim.optics.calibrate.cross_validation import PressScores, crop_side
 from sim.scene.indenter import Sphere
 from sim.scene.scene_parsing import parse_indenter

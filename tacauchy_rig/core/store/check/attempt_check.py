@@ -9,7 +9,7 @@ import numpy as np
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import Journal, StoreEvent
+from tacauchy_rig.core.store.journal import Journal, StoreEvent
 from tacauchy_rig.core.store.json_codec import dumps, to_json
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import file_sha256, is_inside

@@ -30,7 +30,7 @@ from tacauchy_rig.core.store.check.attempt_check import (
     short_hash,
     within,
 )
-from tacauchy_rig.core.store.journal_and_hashed_files import Journal, JournalLine, StoreEvent
+from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.core.store.run_files import is_inside
@@ -58,7 +58,7 @@ ARM_WINDOW_S = 0.2
 
 ARM_STILL_S = 0.3
 """So long after the search began, the arm still standing, it makes that mean its zero
-(protocols.steps.force_servo_hold_and_sway)."""
+(protocols.steps.servo_hold_sway)."""
 
 REMEDY = f"recording.mcap and result.json tell of different presses. {RECOVER}"
 

@@ -15,11 +15,11 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_rtde_protocol import DASHBOARD_PORT
+from drivers.arm.ur5_rtde import DASHBOARD_PORT
 from drivers.emulators.arm.safety_motion_and_force_estimate import COARSENESS
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.plant.truth import draw_truth, write_truth
-from drivers.emulators.process_and_posted_faults import DeviceSettings, command_line, post_fault
+from drivers.emulators.process import DeviceSettings, command_line, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RobotModel
@@ -290,7 +290,7 @@ def test_ends_with_its_parent(tmp_path: Path) -> None:
         "import pathlib, os, sys\n"
         "from drivers.emulators.launch import free_loopback_host\n"
         "from drivers.emulators.plant.truth import draw_truth, write_truth\n"
-        "from drivers.emulators.process_and_posted_faults import DeviceSettings, EmulatedProcess\n"
+        "from drivers.emulators.process import DeviceSettings, EmulatedProcess\n"
         "from tacauchy_rig.core.config.load import load_config\n"
         "folder = pathlib.Path(sys.argv[1])\n"
         "write_truth(folder, draw_truth(0))\n"

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5_rtde_protocol import DASHBOARD_PORT, SCRIPT_PORT
+from drivers.arm.ur5_rtde import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.rtde_and_dashboard_ports import Connection, DashboardPort, ScriptPort
 from drivers.emulators.arm.safety_motion_and_force_estimate import (

@@ -24,12 +24,7 @@ from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.lights_and_camera import render_press
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth, write_truth
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    EmulatedProcess,
-    command_line,
-    post_fault,
-)
+from drivers.emulators.process import DeviceSettings, EmulatedProcess, command_line, post_fault
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import Pose

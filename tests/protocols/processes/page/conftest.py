@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from protocols.guard.abort import Abort
-from protocols.processes.messages_and_channels import PageOptions
+from protocols.processes.ipc import PageOptions
 from protocols.processes.supervisor import run_session
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.protocols.conftest import BRISK

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from protocols.processes.messages_and_channels import Job, PageOptions
+from protocols.processes.ipc import Job, PageOptions
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
 from tacauchy_rig.core.run import JournalEvent, Outcome

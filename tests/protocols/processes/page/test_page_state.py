@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.messages_and_channels import Job, Shown
+from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
 from protocols.processes.page.small_picture import WIDEST_PX, reduced
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from tacauchy_rig.core.image_codec import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tests.tacauchy_rig.core.store.test_trusted_force import keep
 from tests.tacauchy_rig.core.test_force_sensor_gain import RIGHT, pressed

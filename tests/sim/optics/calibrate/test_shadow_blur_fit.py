@@ -18,7 +18,7 @@ from sim.optics.calibrate.shadow_blur_fit import (
     read_shadows,
     without_shadows,
 )
-from sim.optics.colour.colour_model_and_response import Response
+from sim.optics.colour.colour_model import Response
 from sim.optics.colour.nominal_optics import exponents_for
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening

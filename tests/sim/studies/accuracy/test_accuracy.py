@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.error_estimate_and_tolerance import Tolerance, keeping, keeping_corrected
+from sim.error_estimate import Tolerance, keeping, keeping_corrected
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import WAY
 from sim.optics.height.height_map import HeightMaps

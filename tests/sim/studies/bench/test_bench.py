@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.error_estimate_and_tolerance import Tolerance
-from sim.fields.top_surface_npz_and_vtu import SurfaceState
+from sim.error_estimate import Tolerance
+from sim.fields.npz_and_vtu import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.mesh.elements import ElementOrder
-from sim.mesh.tet_mesh_and_cache import smallest_dihedral_deg
+from sim.mesh.mesh_and_cache import smallest_dihedral_deg
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Effect
 from sim.solve.equilibrium import SolverOptions

@@ -8,8 +8,8 @@ import pytest
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import mesh_for
 from sim.effects.press_with_effects import path_for
-from sim.fields.friction_and_torsion_signature import surface_maps, traction_arrows
-from sim.material.laws.law_tangent_and_lame import law
+from sim.fields.contact_signature import surface_maps, traction_arrows
+from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName, Layer, Material

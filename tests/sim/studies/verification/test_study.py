@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim.force_matched_replay import replay_forces, replay_scene
+from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

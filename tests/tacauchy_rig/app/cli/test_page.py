@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
-from drivers.emulators.process_and_posted_faults import DeviceSettings, Service
+from drivers.emulators.process import DeviceSettings, Service
 from tacauchy_rig.app.cli import run_and_resume
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.live_viewing import contact_outline, told_of_errors, viewers_of

@@ -22,7 +22,7 @@ from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.confirmation import confirm
 from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
 from tacauchy_rig.app.cli.progress_and_weight_prompt import ask_for_weight
-from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, missed_lines
+from tacauchy_rig.app.session.record_and_weigh import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.evidence.recorded_frames_and_curves import RunReading
-from sim.fields.top_surface_npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from reports.evidence.frames_and_curves import RunReading
+from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay import parts_pressed_and_kept as replay_parts
+from tacauchy_rig.app.replay import pressed_parts as replay_parts
 from tacauchy_rig.app.replay import replay as replaying
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.open_run import open_run

@@ -12,10 +12,10 @@ import pytest
 
 from reports.evidence.evidence_types import TrialImages
 from reports.scores.residual_causes import UNMENDABLE, Cause
-from sim.force_matched_replay import replay_forces
+from sim.replay import replay_forces
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
-from sim.sensitivity_and_tilt import forces_at
+from sim.tilt_sensitivity import forces_at
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.input_uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.app.replay.rendering import replay_images

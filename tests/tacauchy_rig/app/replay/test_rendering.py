@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.force_matched_replay import reference_path, replay_forces
 from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.markers.simulated_markers import draw_markers, marker_places
+from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
@@ -32,7 +32,7 @@ from tacauchy_rig.app.replay.tilt_and_place import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 from tests.studies.mounting.command import drawn_dwells
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_estimate_and_tolerance import Tolerance
+from sim.error_estimate import Tolerance
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
 from sim.optics.colour.nominal_optics import nominal_photometric

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.messages_and_channels import Shown
+from protocols.processes.ipc import Shown
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.twin import press_follower
 from tacauchy_rig.app.replay.open_run import open_run

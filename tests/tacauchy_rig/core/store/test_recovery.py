@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import dumps
 from tacauchy_rig.core.store.recording.mcap_messages import Recorded
 from tacauchy_rig.core.store.recording.mcap_reader import Recording

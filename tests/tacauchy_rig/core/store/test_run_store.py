@@ -20,7 +20,7 @@ from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
-from tacauchy_rig.core.store.journal_and_hashed_files import Journal, append_event, read_journal
+from tacauchy_rig.core.store.journal import Journal, append_event, read_journal
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
 from tests.recorded_run import empty_run

@@ -8,7 +8,7 @@ import pytest
 from protocols.processes.supervisor import plan_session
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series

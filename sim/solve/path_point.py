@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.contact_surface_and_grip import State
+from sim.contact.surface_and_grip import State
 from sim.solve.equilibrium import Equilibrium
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.camera.jpeg_touch_and_roll_checks import TouchWatch, clipped_ratio, jpeg_size
+from drivers.camera.jpeg_touch_roll import TouchWatch, clipped_ratio, jpeg_size
 from drivers.interfaces import TouchMode
 
 

@@ -15,7 +15,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, end_state, path_for
-from sim.error_estimate_and_tolerance import (
+from sim.error_estimate import (
     ErrorEstimate,
     Tolerance,
     alternatives,
@@ -26,12 +26,7 @@ from sim.error_estimate_and_tolerance import (
     failed,
     setting_of,
 )
-from sim.fields.top_surface_npz_and_vtu import (
-    IntermediateStates,
-    TrialFields,
-    intermediate_state,
-    trial_fields,
-)
+from sim.fields.npz_and_vtu import IntermediateStates, TrialFields, intermediate_state, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure
@@ -40,7 +35,7 @@ from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, 
 from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.time_limits import time_limit

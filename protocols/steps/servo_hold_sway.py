@@ -11,10 +11,10 @@ from collections import deque
 from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.depth_limits import DepthGuard
 from protocols.guard.force_limits import Contact
-from protocols.steps.moves_and_force_window import downward, summarise
+from protocols.steps.force_window_moves import downward, summarise
 from tacauchy_rig.core.run import TrialRecord
 
 BANDWIDTH_PER_S = 2.5

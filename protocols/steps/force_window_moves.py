@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocols.control.cycle import Cycle, Press
-from protocols.guard.breach_and_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.guard.workspace import describe
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import device_choice as devices
+from drivers.camera import choice as devices
 from tacauchy_rig.core.errors import DeviceError
 
 HOST = "pci0000:00/0000:00:14.0/usb1"

@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.force_sensor.weighing import Load, weigh
 from protocols.guard.abort import AbortWatch
 from protocols.guard.force_witness_and_band import TOLERANCE, WORST_N, WORST_SHARE
-from protocols.processes.messages_and_channels import PageOptions, ViewerOptions
+from protocols.processes.ipc import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.app.session.expected_force import kept_expectation
 from tacauchy_rig.core.config.load import Change, LoadedConfig
@@ -17,7 +17,7 @@ from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.known_weight import EXPIRY_H, ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.free_space import check_free_space
-from tacauchy_rig.core.store.journal_and_hashed_files import append_event
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions

@@ -10,17 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.contact_pressure_and_shear import (
-    ContactTraction,
-    contact_forces,
-    surface_traction,
-    unit,
-)
-from sim.fields.top_surface_npz_and_vtu import top_surface
+from sim.fields.npz_and_vtu import top_surface
+from sim.fields.pressure_and_shear import ContactTraction, contact_forces, surface_traction, unit
 from sim.mesh.elements import linear_facets
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -7,7 +7,7 @@ from collections import deque
 
 from drivers.arm.ur5_connection import LineMove, UrLink
 from drivers.arm.ur5_controller_check import probe_controller, require_ready
-from drivers.arm.ur5_rtde_protocol import safety_reason
+from drivers.arm.ur5_rtde import safety_reason
 from drivers.interfaces import DeviceIdentity
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, SafetyError

@@ -5,13 +5,7 @@ from contextlib import ExitStack, closing
 
 import pytest
 
-from protocols.processes.messages_and_channels import (
-    Channel,
-    FeedLines,
-    FeedReader,
-    FeedWriters,
-    feed_readers,
-)
+from protocols.processes.ipc import Channel, FeedLines, FeedReader, FeedWriters, feed_readers
 
 
 @pytest.fixture

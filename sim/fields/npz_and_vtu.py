@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.cauchy_and_interface_stress import cauchy_stress, components, surface_stress
-from sim.fields.contact_pressure_and_shear import surface_traction
+from sim.fields.pressure_and_shear import surface_traction
+from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas
 from sim.mesh.mirror_symmetry import WholeSurface
 from sim.scene.indenter import Indenter, MeshIndenter, grown, ring_walls
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 

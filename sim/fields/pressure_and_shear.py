@@ -20,7 +20,7 @@ import scipy.sparse
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import WholeSurface
 from sim.solve.model import Model
-from sim.solve.path_point_and_prediction import PathPoint
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Of every point's weight: keeps the fit of a node with few touched points determined.

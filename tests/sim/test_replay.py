@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.fields.top_surface_npz_and_vtu import TrialFields
-from sim.force_matched_replay import reference_path, replay_forces, replay_scene
+from sim.fields.npz_and_vtu import TrialFields
 from sim.mesh.elements import linear_facets
+from sim.replay import reference_path, replay_forces, replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Preset, Scene

@@ -6,12 +6,7 @@ import sys
 import pytest
 
 from drivers.emulators.faults import Device
-from drivers.emulators.process_and_posted_faults import (
-    DeviceSettings,
-    command_line,
-    keep_time,
-    run_device,
-)
+from drivers.emulators.process import DeviceSettings, command_line, keep_time, run_device
 from tacauchy_rig.core.config.load import load_config
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from reports.comparison.result_types import ValidationReport
-from reports.scores.contact_region_and_scores import (
+from reports.scores.contact_scores import (
     contact_crop,
     contact_footprint,
     footprint_radius,

@@ -14,14 +14,14 @@ from matplotlib.figure import Figure
 
 from reports.comparison.result_types import ValidationReport
 from reports.evidence.evidence_types import camera_of
-from reports.page.report_files_summary_and_junit import (
+from reports.page.report_html import criterion_groups, number, plain, signed, words
+from reports.page.summary_and_junit import (
     ReportPaths,
     build_summary,
     junit_xml,
     metrics_csv,
     write_report,
 )
-from reports.page.report_html import criterion_groups, number, plain, signed, words
 from tacauchy_rig.core.errors import RecordError
 
 METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}

@@ -17,9 +17,7 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
-from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
-from sim.mesh.revolved_mesh import Grading, revolved_mesh
-from sim.mesh.tet_mesh_and_cache import (
+from sim.mesh.mesh_and_cache import (
     TetMesh,
     cache_folder,
     oriented,
@@ -29,6 +27,8 @@ from sim.mesh.tet_mesh_and_cache import (
     tet_volumes,
     write_mesh,
 )
+from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
+from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad

@@ -6,17 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.force_matched_replay import replay_scene
+from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Output, Scene, Target
-from sim.sensitivity_and_tilt import (
-    can_tilt,
-    kept_forces,
-    press_tilted,
-    restoring_moments,
-    tilt_costs,
-)
 from sim.sensor.sensor import load_sensor
+from sim.tilt_sensitivity import can_tilt, kept_forces, press_tilted, restoring_moments, tilt_costs
 from tacauchy_rig.core.arrays import FloatArray
 
 RADIUS_M = 2.5e-3
@@ -81,7 +75,7 @@ def test_forces_are_kept_by_what_they_depend_on(
         solved.append(scene)
         return np.array(depths_m) / 3.0
 
-    monkeypatch.setattr("sim.sensitivity_and_tilt.forces_at", solve)
+    monkeypatch.setattr("sim.tilt_sensitivity.forces_at", solve)
     gels = [load_sensor("gelsight-mini").with_poisson(by) for by in (0.0, -0.01, 0.0)]
     scenes = [gel.scene(Sphere(diameter_m=6e-3), Target(depth_m=1e-3)) for gel in gels]
     found = [kept_forces(scene, [1e-4, 2e-4], refinement=1.0) for scene in scenes]

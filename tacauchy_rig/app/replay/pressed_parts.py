@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
-from reports.evidence.recorded_frames_and_curves import RunReading
 from sim.effects.effect_choice import plan_effects
-from sim.error_estimate_and_tolerance import setting_of
-from sim.fields.top_surface_npz_and_vtu import IntermediateState, SurfaceState, TrialFields
-from sim.force_matched_replay import (
+from sim.error_estimate import setting_of
+from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.replay import (
     History,
     ReferencePath,
     path_depends_on_modulus,
@@ -38,7 +38,7 @@ from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay

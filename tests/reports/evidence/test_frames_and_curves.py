@@ -10,7 +10,7 @@ import pytest
 
 from reports.comparison.criteria import MAX_SETTLED_CHANGE
 from reports.evidence.evidence_types import ImageGeometry
-from reports.evidence.recorded_frames_and_curves import (
+from reports.evidence.frames_and_curves import (
     AttemptReading,
     crop_and_resize,
     decode_frame,
