@@ -13,7 +13,6 @@ from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.run import Phase, TrialRecord
 
 ResultT = TypeVar("ResultT")
-
 ALWAYS_LATE = (
     "images came late in every attempt: end other programs on this computer, and see `tacauchy-rig "
     "doctor`: camera; `resume --set limits.stale_image=...` admits longer gaps"
@@ -72,10 +71,8 @@ def _goes_again(
 
 
 LATE_IMAGE = "limits.stale_image"
-
 WELL_S = 1.0
 """Images have to come in time for so long, with every other limit kept, before it goes on."""
-
 PATIENCE_S = 10.0
 """How long that is waited for: a longer silence is a camera that is gone."""
 

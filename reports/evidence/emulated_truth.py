@@ -13,7 +13,6 @@ from tacauchy_rig.core.store.run_files import open_file
 from tacauchy_rig.core.store.run_store import RunStore
 
 FORCE_TRACE = "force_trace.jsonl"
-
 Z = 2
 MIN_TRACE_SAMPLES = 10
 

@@ -12,7 +12,6 @@ from tacauchy_rig.core.arrays import AnyArray, FloatArray
 
 NEAR = 0.05
 """Of a press's force: a frame that was taken at a force farther off is not shown."""
-
 _KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
 
 

@@ -19,7 +19,7 @@ import pytest
 from reports.scores.residual_causes import Cause
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.replay import SplitPart
+from tacauchy_rig.app.replay.residual_split import SplitPart
 from tacauchy_rig.core.simulated import ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
 from tests.recorded_run import coarse_sensor, new_run, press_run

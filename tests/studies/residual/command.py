@@ -19,7 +19,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.press_grouping import measured_attempts
-from tacauchy_rig.app.replay.replay import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError

@@ -19,7 +19,7 @@ from sim.tilt_sensitivity import forces_at
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.input_uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.app.replay.rendering import replay_images
-from tacauchy_rig.app.replay.replay import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
