@@ -109,7 +109,7 @@ class Launched:
         self.log.parent.mkdir(exist_ok=True)
         self.channel, theirs = Channel.pair()
         with self.log.open("ab") as log:
-            what = module or f"protocols.processes.{name}"
+            what = module or f"protocols.processes.{name}_process"
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", what, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,

@@ -173,7 +173,7 @@ def _running_box(
     write_truth(folder, truth)
     config = changed(load_config().config, force_sensor={"capacity": capacity})
     settings = DeviceSettings(folder=folder, config=config, quirks=frozenset(quirks))
-    process = ForkedEmulator("force_sensor.box", settings)
+    process = ForkedEmulator("force_sensor.m8128_box_and_noise", settings)
     try:
         ready = process.wait_ready()
         (folder / "ready.json").write_text(json.dumps(ready))
