@@ -1,14 +1,10 @@
 """Buffer of a reader thread: samples, counts and the final error; lock of a device."""
 
-import glob
 import math
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
-from contextlib import suppress
-from pathlib import Path
 from typing import Generic, TypeVar
 
 from drivers.interfaces import StreamHealth
@@ -103,22 +99,3 @@ class StreamBuffer(Generic[SampleT]):
                 age_s=age_s,
                 rate_hz=(received - 1) / (span_ns * 1e-9) if span_ns > 0 else 0.0,
             )
-
-
-def device_holders(path: str) -> list[str]:
-    """Return "name (pid n)" of the other processes that hold ``path`` open.
-
-    Only processes whose descriptors this user may read are seen.
-    """
-    target, numbers = os.path.realpath(path), set()
-    for link in glob.iglob("/proc/[0-9]*/fd/*"):  # noqa: PTH207 - a process may end meanwhile
-        with suppress(OSError):
-            if os.readlink(link) == target:  # noqa: PTH115
-                numbers.add(link.split("/")[2])
-    holders = []
-    for number in numbers - {str(os.getpid())}:
-        name = "a process"
-        with suppress(OSError):
-            name = Path(f"/proc/{number}/comm").read_text("utf-8").strip()
-        holders.append(f"{name} (pid {number})")
-    return sorted(holders)

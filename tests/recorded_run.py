@@ -14,8 +14,7 @@ from protocols.control.entries_and_rates import Entry, Journal, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.camera_process import mark_of
 from protocols.processes.recorder_process import RecordKeeper, encoded
-from protocols.processes.supervisor import plan_session
-from protocols.trials.programme import ProgrammeResult, run_programme
+from protocols.trials.programme import ProgrammeResult, plan_session, run_programme
 from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.registry import Kind, load

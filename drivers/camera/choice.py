@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from drivers.stream_buffer import device_holders
+from drivers.device_holders import device_holders
 from tacauchy_rig.core.errors import DeviceError
 
 _PORTS = {"http": 80, "https": 443, "rtsp": 554}

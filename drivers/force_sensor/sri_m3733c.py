@@ -16,6 +16,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from drivers.device_holders import device_holders
 from drivers.force_sensor.sri_protocol import (
     FrameParser,
     Reply,
@@ -24,7 +25,7 @@ from drivers.force_sensor.sri_protocol import (
     frame_length,
 )
 from drivers.interfaces import DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer, device_holders
+from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample

@@ -18,14 +18,12 @@ from protocols.guard.abort import Abort
 from protocols.processes.child_process import Launched, launch_children
 from protocols.processes.ipc import AbortRequest, Ack, Job, Order, PageOptions, Ready, ViewerOptions
 from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
-from protocols.trials.attempt_criteria import PlannedTrial
-from protocols.trials.programme import ProgrammeResult, describe_safe
+from protocols.trials.programme import ProgrammeResult, describe_safe, plan_session
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.store.trusted_force import force_series
 
 logger = logging.getLogger(__name__)
 
@@ -315,28 +313,6 @@ class Supervisor:
 
 def _discard(_: JournalEvent) -> None:
     """Show nothing: nobody is there to see it."""
-
-
-def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
-    """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
-
-    An attempt whose force sensor was found faulty since does not count, nor do those of ``again``.
-    """
-    plan, doubted = [], force_series(store).doubted
-    for index, target_n in enumerate(store.config.protocol.force_targets, start=1):
-        passed = store.accepted(index)
-        done = passed is not None and index not in again and (index, passed.attempt) not in doubted
-        plan.append(
-            PlannedTrial(
-                index=index,
-                force_target_n=target_n,
-                next_attempt=store.next_attempt(index),
-                done=done,
-                contact_z_m=None if passed is None else passed.contact_z_m,
-                record=passed if done else None,
-            )
-        )
-    return tuple(plan)
 
 
 def run_session(

@@ -1,6 +1,6 @@
 """All trials of a run, in order, each until it passes or its tries are used up."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
@@ -12,6 +12,8 @@ from protocols.trials.repeat_attempts import do_step, press_until_passed
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.trusted_force import force_series
 
 _RESUME = "`tacauchy-rig resume` continues with the next unfinished trial"
 
@@ -88,3 +90,25 @@ def describe_doubted(indices: Sequence[int]) -> str:
     which = describe_safe(indices).removesuffix(" safe.")
     it = "it" if len(indices) == 1 else "them"
     return f"{which} in doubt as well: the same sensor measured {it}."
+
+
+def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
+    """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
+
+    An attempt whose force sensor was found faulty since does not count, nor do those of ``again``.
+    """
+    plan, doubted = [], force_series(store).doubted
+    for index, target_n in enumerate(store.config.protocol.force_targets, start=1):
+        passed = store.accepted(index)
+        done = passed is not None and index not in again and (index, passed.attempt) not in doubted
+        plan.append(
+            PlannedTrial(
+                index=index,
+                force_target_n=target_n,
+                next_attempt=store.next_attempt(index),
+                done=done,
+                contact_z_m=None if passed is None else passed.contact_z_m,
+                record=passed if done else None,
+            )
+        )
+    return tuple(plan)

@@ -305,8 +305,8 @@ def press(
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
     from protocols.processes.ipc import PageOptions
-    from protocols.processes.supervisor import plan_session
     from protocols.processes.viewer_processes import listen
+    from protocols.trials.programme import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline

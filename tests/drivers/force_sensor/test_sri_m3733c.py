@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from drivers.device_holders import device_holders
 from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.force_sensor.m8128_box_and_noise import LINK_NAME
 from drivers.emulators.process import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from drivers.interfaces import DeviceIdentity
-from drivers.stream_buffer import device_holders
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.errors import DeviceError

@@ -12,7 +12,8 @@ import psutil
 import pytest
 
 from protocols.guard.abort import Abort
-from protocols.processes.supervisor import plan_session, run_session
+from protocols.processes.supervisor import run_session
+from protocols.trials.programme import plan_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run_check import check_run

@@ -10,8 +10,8 @@ import pytest
 
 from protocols.processes import viewer_processes as viewing_module
 from protocols.processes.ipc import Job, PageOptions
-from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import Viewing
+from protocols.trials.programme import plan_session
 from tacauchy_rig.core.errors import ConfigError
 
 

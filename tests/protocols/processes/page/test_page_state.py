@@ -10,8 +10,8 @@ import pytest
 from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
 from protocols.processes.page.small_picture import WIDEST_PX, reduced
-from protocols.processes.supervisor import plan_session
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
+from protocols.trials.programme import plan_session
 from tacauchy_rig.core.image_codec import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
