@@ -140,8 +140,10 @@ class Channel:
                 data, files, _, _ = socket.recv_fds(self._end, LARGEST, 1)
             except BlockingIOError:
                 return
+            except ConnectionResetError:
+                continue  # said once, where the other end left ours unread; its own still wait
             except OSError:
-                data, files = b"", []
+                data = b""
             if not data:
                 self.closed = True
                 return

@@ -152,3 +152,13 @@ def test_without_viewers_nothing_is_made(line):
     """A process that nobody views has no feed to show anything to."""
     assert not FeedWriters(line.lines.descriptors("control"), ["page"])
     assert feed_readers(line.lines.descriptors("page"), ["control"]) == []
+
+
+def test_last_words_arrive_from_an_end_that_left_messages_unread():
+    """Linux reports the reset before it delivers what was sent earlier."""
+    one, other = Channel.pair()
+    one.send("an order")
+    other.send("why it ends")
+    other.close()
+    assert one.receive() == ["why it ends"]
+    assert one.closed
