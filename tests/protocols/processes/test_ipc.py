@@ -154,9 +154,9 @@ def test_without_viewers_nothing_is_made(line):
     assert feed_readers(line.lines.descriptors("page"), ["control"]) == []
 
 
-def test_last_words_arrive_from_an_end_that_left_messages_unread():
+def test_last_words_arrive_from_an_end_that_left_messages_unread(ends):
     """Linux reports the reset before it delivers what was sent earlier."""
-    one, other = Channel.pair()
+    one, other = ends
     one.send("an order")
     other.send("why it ends")
     other.close()
