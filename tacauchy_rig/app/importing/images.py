@@ -207,7 +207,7 @@ class Converter:
     def _check(self, size: Size, name: str, rest: bytes | None) -> None:
         """Refuse an image of another shape than the camera's or the image at rest."""
         told = f"image {name}: {size[0]} x {size[1]} px"
-        if rest is not None and (still := opened(rest, name=name)[0]) != size:
+        if rest is not None and (still := opened(rest, name="at rest")[0]) != size:
             raise RecordError(
                 f"{told}; its image at rest has {still[0]} x {still[1]} px",
                 remedy="take both with one camera mode, and turn none of them",

@@ -300,16 +300,13 @@ def _near(
     grid = np.arange(press_s[0] - AROUND_S, press_s[1] + AROUND_S, NEAR_STEP_S)
     order = np.argsort(first.at(grid), kind="stable")
     offsets = about_s + np.arange(-within_s, within_s, NEAR_STEP_S)
-    begins = np.linspace(0, len(grid), BINS, endpoint=False).astype(np.int64)
-    counts = np.diff(begins, append=len(grid))
+    bins = np.split(order, np.linspace(0, len(grid), BINS, endpoint=False).astype(np.int64)[1:])
     # An offset shows what the next one shows a step later.
     steps = np.arange(len(grid) + len(offsets) - 1)
-    shown = second.at(grid[0] - offsets[-1] + NEAR_STEP_S * steps)
-    apart = []
-    for window in sliding_window_view(shown, len(grid))[::-1]:
-        values = window[order]
-        total, squares = (np.add.reduceat(each, begins) for each in (values, values**2))
-        apart.append(float((squares - total**2 / counts).sum()))
+    shown = second.at(grid[0] - offsets[-1] + NEAR_STEP_S * steps)[::-1]
+    windows = sliding_window_view(shown, len(offsets))[::-1]
+    explained = sum(windows[part].sum(axis=0) ** 2 / len(part) for part in bins)
+    apart = np.convolve(shown**2, np.ones(len(grid)), "valid") - explained
     return float(offsets[int(np.argmin(apart))])
 
 
