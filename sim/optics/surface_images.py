@@ -24,10 +24,10 @@ from tacauchy_rig.core.errors import ConfigError
 class SurfaceImages:
     """Renders camera images of environments that share a model and an indenter.
 
-    Results stay on the model's device, in arrays that the next call overwrites, and nothing waits
-    for the device: after a first call, which compiles kernels and takes memory, a CUDA graph can
-    hold the others. PyTorch and JAX take the arrays through DLPack. A model of a half or a quarter
-    of a pad is drawn whole. An environment whose nodes are not numbers has a black image.
+    Results stay on the model's device, in arrays that the next call overwrites; PyTorch and JAX
+    take them through DLPack. Nothing waits for the device: after a first call, which compiles
+    kernels, a CUDA graph can hold the others. A half or a quarter of a pad is drawn whole. An
+    environment whose nodes are not numbers has a black image.
 
     Args:
         model: Model of the pad, whose nodes are rendered.

@@ -22,9 +22,7 @@ _COLUMNS = ("center_x_px", "center_y_px", "radius_px")
 def read_image_table(
     path: Path, *, what: str, numbers: tuple[str, ...]
 ) -> list[tuple[str, str, list[float]]]:
-    """Read a table with the column image and those of some numbers, in any order.
-
-    Of each line: where it stands, for messages; the image's name; its numbers.
+    """Return of each line its place for messages, the image's name, and numbers by these columns.
 
     Raises:
         ConfigError: The table is missing or damaged; the message names the line and the column.
@@ -87,10 +85,8 @@ class BallPress:
     name: str
     image: ImageArray  # RGB, uint8, shape [height, width, 3]
     circle: Circle
-    # The gel's markers as they were followed into the image; None where it has none
-    tracks: MarkerTracks | None = None
-    # True where markers or what was excluded hide the gel, shape [height, width]; None is nowhere
-    hidden: BoolArray | None = None
+    tracks: MarkerTracks | None = None  # of the gel's markers; None where it has none
+    hidden: BoolArray | None = None  # where the gel is not seen, [height, width]; None is nowhere
 
     @property
     def shown(self) -> BoolArray:

@@ -62,17 +62,13 @@ _LEAST_EXPLAINED = 0.3  # of the changes' variance
 def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
     """Evaluate a frame's light, shape [n, 3], at normalised pixel positions, shape [2, n].
 
-    It is the level, and the change from the middle to the right and to the bottom border, of red,
-    green and blue [grey levels], shape [3, 3].
+    Its rows: level, and change from the middle to the right and to the bottom border [grey levels].
     """
     return np.asarray(light[0] + position.T @ light[1:])
 
 
 def _fit_light(seen: SeenChange, position: FloatArray, *, level_only: bool) -> FloatArray:
-    """Fit the plane of ``light_at``, bounding outliers.
-
-    A part of the image fixes no gradient: ``level_only``.
-    """
+    """Fit the plane of ``light_at``, bounding outliers; a part of the image fixes no gradient."""
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
     light = []
     for change, known in zip(seen.change.T, seen.exposed.T, strict=True):
@@ -141,13 +137,11 @@ class PressScene:
     """Camera, no-contact frame and gel that all presses of a set share."""
 
     geometry: CameraGeometry
-    # No-contact frame without its markers, RGB levels as float, shape [height, width, 3]
-    background: FloatArray
+    background: FloatArray  # no-contact frame without markers, RGB levels, [height, width, 3]
     profile: GelProfile
     exponents: IntArray
     markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
-    # dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width]; None is level
-    # gel
+    # dz/d(column) and dz/d(row) of the unloaded gel [1], [2, height, width]; None is level
     rest_slope: FloatArray | None = None
     lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 
@@ -167,8 +161,7 @@ class PressScene:
     def surface(self, circle: Circle, columns: AnyArray, rows: AnyArray) -> FloatArray:
         """Return tilt (2), indentation [m] and curvature [1/m] of the gel at pixels, shape [4, n].
 
-        On a slope of the gel the ball touches beside its axis, so that the contact is the one on
-        level gel leaned with the slope: the profile adds to the slope at rest.
+        On sloping gel the contact is that on level gel leaned: slopes at rest and pressed add up.
         """
         dx = (columns - circle.x_px) * self.geometry.scale_x_m
         dy = (rows - circle.y_px) * self.geometry.scale_y_m
@@ -247,7 +240,7 @@ class PressScene:
         return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
-        """Estimate the frame's light, as ``light_at`` has it, outside the contact.
+        """Estimate the frame's light, see ``light_at``, outside the contact.
 
         A model explains the skirt; without one, the farthest pixels are taken to be level.
         """
@@ -265,10 +258,7 @@ class PressScene:
         return _fit_light(seen, self.normalised(columns, rows), level_only=model is None)
 
     def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
-        """Move a circle to where the model explains the image best.
-
-        Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
-        """
+        """Move a circle to where the model explains the image best; its label pulls weakly."""
         circle = placed.press.circle
         label = np.array([circle.x_px, circle.y_px, circle.radius_px])
         rows, columns = self.pixels_around(placed.press)
@@ -277,12 +267,8 @@ class PressScene:
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
         pixels = PredictedPixels(self, model, columns, rows)
 
-        def moved(move: FloatArray) -> Circle:
-            x, y, radius = (label + move).tolist()
-            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
-
         def residual(move: FloatArray) -> FloatArray:
-            misfit = seen.misfit(pixels.predict(moved(move))).ravel()
+            misfit = seen.misfit(pixels.predict(_circle(label + move))).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
@@ -294,7 +280,13 @@ class PressScene:
             xtol=_SETTLED_SHARE,
             max_nfev=10,
         )
-        return moved(found.x)
+        return _circle(label + found.x)
+
+
+def _circle(numbers: FloatArray) -> Circle:
+    """Return the circle of a search's numbers: column, row and radius [px], at least 1 px."""
+    x, y, radius = numbers.tolist()
+    return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
 
 
 def _tilt_of(slope: FloatArray) -> FloatArray:
@@ -398,8 +390,7 @@ def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) ->
 def find_circle(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> Circle:
     """Find the contact by how strongly the colour changes, whatever the lights' colours are.
 
-    Coloured lights from several sides change the colour about in proportion to the surface's tilt;
-    the tilt that the gel would have around each candidate circle is fitted to the change.
+    It changes about in proportion to the tilt that the gel has around the circle.
 
     Raises:
         ConfigError: The image shows no contact.
@@ -419,12 +410,7 @@ def find_circle(press: BallPress, scene: PressScene, *, ball_radius_m: float) ->
 
 
 class _ContactChange:
-    """How strongly the colour of an image changes, and which contact explains that.
-
-    Attributes:
-        start: Column and row of the middle of the strongest changes [px].
-        strongest: Of the changes [grey levels].
-    """
+    """How strongly the colour of an image changes, and which contact explains that."""
 
     def __init__(self, press: BallPress, scene: PressScene) -> None:
         known = press.shown
@@ -439,7 +425,8 @@ class _ContactChange:
         self._y, self._x = rows * float(_STRIDE), columns * float(_STRIDE)
         seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2)[rows, columns]
         strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
-        self._seen, self.strongest = seen - seen.mean(), float(seen.max())
+        self._seen, self.strongest = seen - seen.mean(), float(seen.max())  # [grey levels]
+        # Column and row of the middle of the strongest changes [px]
         self.start = np.median(self._x[strong]), np.median(self._y[strong])
         self._gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
 
@@ -453,19 +440,14 @@ class _ContactChange:
 
     def search(self, ball_radius_m: float) -> tuple[Circle, float]:
         """Return the contact that explains most, and how much it does."""
-
-        def circle(parameters: FloatArray) -> Circle:
-            x, y, radius = parameters.tolist()
-            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
-
         scale = self._gel.geometry.mean_scale_m
         searches = [
             minimize(
-                lambda place: -self.explained(circle(place)),
+                lambda place: -self.explained(_circle(place)),
                 [*self.start, share * ball_radius_m / scale],
                 method="Nelder-Mead",
             )
             for share in _RADII
         ]
         found = min(searches, key=lambda search: float(search.fun))
-        return circle(found.x), -float(found.fun)
+        return _circle(found.x), -float(found.fun)

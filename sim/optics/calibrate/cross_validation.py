@@ -54,8 +54,7 @@ def render_presses(
         placed = _lit(press, press.circle, calibration)
         labelled.append(_rendered(press, placed, calibration))
         for _ in range(_NUDGES):
-            circle = calibration.scene.nudged(placed, calibration.model)
-            placed = _lit(press, circle, calibration)
+            placed = _lit(press, calibration.scene.nudged(placed, calibration.model), calibration)
         nudged.append(_rendered(press, placed, calibration))
     return labelled, nudged
 
@@ -161,8 +160,7 @@ class PressScores:
     r2: float  # share of the variance of the colour change explained inside the contacts
     mae: float  # mean absolute error inside the contacts [grey levels]
     ssim_crop: float
-    # The same of the no-contact frame in place of the rendering; likewise the next two
-    r2_no_contact: float
+    r2_no_contact: float  # of the no-contact frame in place of the rendering; so the next two
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
@@ -176,8 +174,7 @@ class MarkerScores:
 
     tracked: int  # markers that were followed from the no-contact frame into the presses' images
     lost: int
-    # Median motion of those under and beside the contact, within 1.6 of its radii [px]
-    moved_px: float
+    moved_px: float  # median motion of those within 1.6 radii of the contact [px]
     error_px: float  # median distance of drawn from tracked motion [px]
     error_m: float
     near_error_px: float  # median of those under and beside the contact [px]
@@ -211,10 +208,8 @@ def marker_scores(rendered: Sequence[RenderedPress], pixel_m: float) -> MarkerSc
 class CheckScores(PressScores):
     """Scores of presses that the model has not seen: circles nudged, with each frame's light."""
 
-    # Labelled circles, with each frame's light as estimated outside the contact
-    as_labelled: PressScores
-    # Labelled circles, against the frames as they came
-    as_labelled_frames_as_they_came: PressScores
+    as_labelled: PressScores  # circles as labelled, with each frame's light
+    as_labelled_frames_as_they_came: PressScores  # likewise, without that light
     light_rms_levels: float  # root mean square of the level of that light [grey levels]
     # By how much the level of red, green and blue changes from the first press, by name, to the
     # last, along a straight line [grey levels]
@@ -272,7 +267,9 @@ def score_presses(
         inside = contact_mask(item.press.circle, *real.shape[:2])
         changes.append((real - without)[inside])
         errors.append((image - real)[inside])
-        around = _ring_mask(item.press.circle, *real.shape[:2]) & item.press.shown
+        rows, columns = np.ogrid[: real.shape[0], : real.shape[1]]
+        away = item.press.circle.distance(columns, rows) / item.press.circle.radius_px
+        around = (away >= _RING[0]) & (away < _RING[1]) & item.press.shown
         ring += np.sum((image - real)[around] ** 2), np.sum((real - without)[around] ** 2)
         window = crop_window(item.press.circle, *real.shape[:2])
         similarities.append(_SSIM(real[window], image[window]))
@@ -300,12 +297,6 @@ def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[in
     """Return True inside the circle, shape [height, width]."""
     rows, columns = np.ogrid[:height, :width]
     return circle.distance(columns, rows) < circle.radius_px
-
-
-def _ring_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:
-    rows, columns = np.ogrid[:height, :width]
-    away = circle.distance(columns, rows) / circle.radius_px
-    return (away >= _RING[0]) & (away < _RING[1])
 
 
 def crop_side(width: int) -> int:
@@ -434,13 +425,10 @@ class SlopeCoverage:
     """How often each slope was seen."""
 
     tilt_limit: float
-    # Part of the disc of tilts up to the limit that at least one press shows
-    slopes_seen_share: float
+    slopes_seen_share: float  # of the disc of tilts up to the limit: what a press shows at least
     image_share: float  # part of the image that lies in at least one contact
-    # Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1]
-    tilt_edges: FloatArray
-    # Presses that show a tilt, by tilt along rows and columns, [_BINS, _BINS]
-    presses_seen: Int64Array
+    tilt_edges: FloatArray  # borders of bins of tilt (sine of the surface's angle), [_BINS + 1]
+    presses_seen: Int64Array  # that show a tilt, by tilt along rows and columns, [_BINS, _BINS]
 
 
 def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverage:

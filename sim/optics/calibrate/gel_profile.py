@@ -64,8 +64,7 @@ class RadialProfile:
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:
         """Return the divergence of the tilt [1/m] at distances from the axis, over a width [m].
 
-        The flux of the tilt through a circle is what the divergence inside it amounts to, so that
-        a sharp bend counts whole however narrow it is.
+        It is by the flux of the tilt, so that a sharp bend counts whole however narrow it is.
         """
         outer = radius_m + 0.5 * width_m
         inner = np.maximum(radius_m - 0.5 * width_m, 0.0)
@@ -78,14 +77,10 @@ GelProfile = Callable[[float], RadialProfile]
 
 
 class PressedProfiles:
-    """Profiles of simulated presses at several depths, interpolated in the contact's radius.
+    """Profiles of simulated presses by contact radius [m], interpolated in it.
 
-    Between two presses, and beyond the first and last, profiles are scaled as a ball of fixed size
-    wants it: lengths along the gel with the contact's radius a, tilt with a, and displacements
-    with a^2.
-
-    Args:
-        presses: Contact radius [m] and profile of each simulated press.
+    Between and beyond them profiles are scaled as a ball of fixed size wants it: lengths along the
+    gel with the contact's radius a, tilt with a, and displacements with a^2.
     """
 
     def __init__(self, presses: Sequence[tuple[float, RadialProfile]]) -> None:
@@ -119,10 +114,7 @@ class PressedProfiles:
 def radial_profile(
     maps: HeightMaps, surface: SurfaceState, geometry: CameraGeometry
 ) -> tuple[float, RadialProfile]:
-    """Average a press on the pad's centre, its height maps seen finely, over the azimuth.
-
-    Returned are the contact's radius [m], from its area, and the profile.
-    """
+    """Return a centred press's contact radius [m], from its area, and mean over the azimuth."""
     x, y = geometry.pad_grid()
     r = np.hypot(x, y)
     step = max(geometry.scale_x_m, geometry.scale_y_m)
@@ -154,8 +146,6 @@ def ball_profiles(
     sensor: Sensor, *, ball_diameter_m: float, preset: Preset, on_press: Callable[[int], None]
 ) -> PressedProfiles:
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.
-
-    Only the ratio of layers' moduli matters for the shape.
 
     Raises:
         ConvergenceError: A depth finds no equilibrium.
@@ -225,8 +215,7 @@ _FARTHEST_M = 1.0  # of a camera whose rays are not taken to be parallel
 class MotionModel:
     """What all presses of a sensor share."""
 
-    # One over the distance of the camera's pinhole from the gel [1/m]; 0 is an orthographic view
-    per_distance: float = 0.0
+    per_distance: float = 0.0  # one over the pinhole's distance from the gel [1/m]; 0: orthographic
     slide: float = 1.0  # share of the simulated motion along the surface that is seen
 
     @property
@@ -245,18 +234,14 @@ ORTHOGRAPHIC = MotionModel()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GelMotion:
-    """What a press adds.
+    """What a press adds."""
 
-    Attributes:
-        own_px: By how much the ball took the gel along, columns and rows, then the drift of the
-            image: everywhere, and more at the right and bottom border, likewise; by how much the
-            ball turned the contact's edge; and stretched the gel there, in all directions, along
-            columns more than rows, and along one diagonal more than the other, shape [12].
-        error_px: Of each marker: distance of its fitted from its tracked motion, shape [n].
-    """
-
+    # By how much the ball took the gel along, columns and rows, then the drift of the image:
+    # everywhere, and more at the right and bottom border, likewise; by how much the ball turned the
+    # contact's edge; and stretched the gel there, in all directions, along columns more than rows,
+    # and along one diagonal more than the other, shape [12]
     own_px: FloatArray
-    error_px: FloatArray
+    error_px: FloatArray  # distance of each marker's fitted from its tracked motion, shape [n]
     under: BoolArray  # true for markers within 1.6 radii of the contact, shape [n]
 
 
@@ -305,10 +290,9 @@ def fit_motions(
     geometry: CameraGeometry,
     model: MotionModel | None = None,
 ) -> tuple[MotionModel, list[GelMotion]]:
-    """Fit each press's own motion, and what all share unless a model is given.
+    """Fit each press's own motion, and what all share unless a model is given: least squares.
 
-    Least squares with outliers bounded; what a press owns is eliminated, so that any number of
-    presses leaves two unknowns.
+    Outliers are bounded. What a press owns is eliminated: any number leaves two unknowns.
     """
     held, unmoved = np.ones(_OWN), np.zeros(_OWN)
     known = [np.append(track.motion_px.ravel(), unmoved) for track in tracks]

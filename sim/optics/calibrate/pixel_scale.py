@@ -6,7 +6,8 @@ Targets are flat: ChArUco boards, ArUco grids and grids of dots, written as text
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,6 @@ _SMALLEST_DOT_PX = 2.5  # its side
 # A dot of this share of the grid's dots' size, and so many of its steps off, would be of the grid.
 _LEAST_SIZE, _NEIGHBOUR = 0.7, (0.7, 1.3)
 _FEWEST, _APART_M = 4, 1e-4  # points that fix a scale, and how far from one line they lie
-_EXAMPLES = {
-    "charuco": "charuco:columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50",
-    "aruco": "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50",
-    "dots": "dots:columns=7,rows=5,pitch=2mm",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,86 +41,73 @@ class TargetPoints:
     wanted: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _BoardTarget:
+@dataclass(frozen=True, slots=True)
+class BoardTarget:
     """A board of ArUco markers, whose points OpenCV detects and knows by their numbers."""
 
-    columns: int
-    rows: int
-    dictionary: str = "4X4_50"
+    board: Any  # OpenCV's description, in metres
+    detect: Callable[[Any], Sequence[Any]]  # from a grey image to corners and their numbers
+    wanted: int  # points
 
-    def _markers(self) -> cv2.aruco.Dictionary:
-        number = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
-        if number is None:
-            raise ConfigError(
-                f"no ArUco dictionary {self.dictionary!r}",
-                remedy="for example 4X4_50, 5X5_100 or 6X6_250",
-            )
-        return cv2.aruco.getPredefinedDictionary(number)
+    def find(self, image: ImageArray) -> TargetPoints:
+        """Return the points that a grey image shows, as it is or mirrored."""
+        found, mirrored = self._found(image), self._found(np.ascontiguousarray(image[:, ::-1]))
+        if len(mirrored.pixels) <= len(found.pixels):
+            return found
+        flipped = (image.shape[1] - 1.0, 0.0) + mirrored.pixels * (-1.0, 1.0)
+        return replace(mirrored, pixels=flipped)
 
-    def _found(
-        self, board: Any, detect: Callable[[Any], Sequence[Any]], image: ImageArray, wanted: int
-    ) -> TargetPoints:
+    def _found(self, image: ImageArray) -> TargetPoints:
         # The detectors want markers of more pixels than a 320 x 240 image gives.
         factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
         large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-        corners, found, *_ = detect(large)
-        known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
+        corners, numbers, *_ = self.detect(large)
+        match = self.board.matchImagePoints
+        known, pixels = (None, None) if numbers is None else match(corners, numbers)
         if known is None or pixels is None:
             known, pixels = np.empty((0, 3)), np.empty((0, 2))
-        middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
+        middle = 0.5 * np.array(self.board.getRightBottomCorner()[:2])
         return TargetPoints(
             positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
             pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
-            wanted=wanted,
+            wanted=self.wanted,
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CharucoTarget(_BoardTarget):
+def _charuco(
+    *, columns: int, rows: int, square: float, marker: float, dictionary: str = "4X4_50"
+) -> BoardTarget:
     """Chessboard with ArUco markers in its white squares; its inner corners are found."""
-
-    square_m: float
-    marker_m: float
-
-    def __post_init__(self) -> None:
-        if not self.marker_m < self.square_m:
-            raise ConfigError(
-                f"--target charuco: marker {self.marker_m * 1e3:g} mm is not smaller than square "
-                f"{self.square_m * 1e3:g} mm",
-                remedy="give both as printed",
-            )
-
-    def board(self) -> cv2.aruco.CharucoBoard:
-        """Return OpenCV's description of the board, in metres."""
-        size = (self.columns, self.rows)
-        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._markers())
-
-    def find(self, image: ImageArray) -> TargetPoints:
-        """Return the inner corners that a grey image shows; none where it shows no target."""
-        detect = cv2.aruco.CharucoDetector(board := self.board()).detectBoard
-        return self._found(board, detect, image, (self.columns - 1) * (self.rows - 1))
+    if not marker < square:
+        raise ConfigError(
+            f"--target charuco: marker {marker * 1e3:g} mm is not smaller than square "
+            f"{square * 1e3:g} mm",
+            remedy="give both as printed",
+        )
+    board = cv2.aruco.CharucoBoard((columns, rows), square, marker, _markers(dictionary))
+    return BoardTarget(
+        board, cv2.aruco.CharucoDetector(board).detectBoard, (columns - 1) * (rows - 1)
+    )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArucoTarget(_BoardTarget):
+def _aruco(
+    *, columns: int, rows: int, marker: float, gap: float, dictionary: str = "4X4_50"
+) -> BoardTarget:
     """Grid of ArUco markers, numbered along the rows; the corners of every marker are found."""
+    parameters, markers = cv2.aruco.DetectorParameters(), _markers(dictionary)
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detect = cv2.aruco.ArucoDetector(markers, parameters).detectMarkers
+    board = cv2.aruco.GridBoard((columns, rows), marker, gap, markers)
+    return BoardTarget(board, detect, 4 * columns * rows)
 
-    marker_m: float
-    gap_m: float
 
-    def board(self) -> cv2.aruco.GridBoard:
-        """Return OpenCV's description of the grid, in metres."""
-        size = (self.columns, self.rows)
-        return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, self._markers())
-
-    def find(self, image: ImageArray) -> TargetPoints:
-        """Return the markers' corners that a grey image shows; none where it shows no target."""
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        board = self.board()
-        detect = cv2.aruco.ArucoDetector(board.getDictionary(), parameters).detectMarkers
-        return self._found(board, detect, image, 4 * self.columns * self.rows)
+def _markers(dictionary: str) -> cv2.aruco.Dictionary:
+    number = getattr(cv2.aruco, f"DICT_{dictionary.upper()}", None)
+    if number is None:
+        raise ConfigError(
+            f"no ArUco dictionary {dictionary!r}", remedy="for example 4X4_50, 5X5_100 or 6X6_250"
+        )
+    return cv2.aruco.getPredefinedDictionary(number)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +116,7 @@ class DotTarget:
 
     columns: int
     rows: int
-    pitch_m: float
+    pitch: float  # [m]
 
     def find(self, image: ImageArray) -> TargetPoints:
         """Return the centres of all dots, dark or bright, or none."""
@@ -142,7 +125,7 @@ class DotTarget:
         if len(pixels) == 0:
             pixels = self._grid(255 - smooth)
         j, i = np.mgrid[: self.rows, : self.columns].astype(np.float64)
-        places = np.stack([i.ravel(), j.ravel()], axis=1) * self.pitch_m
+        places = np.stack([i.ravel(), j.ravel()], axis=1) * self.pitch
         known = (places - places.mean(axis=0))[: len(pixels)]
         return TargetPoints(positions_m=known, pixels=pixels, wanted=len(places))
 
@@ -174,26 +157,21 @@ class DotTarget:
         return np.empty((0, 2)) if beside.any() else pixels
 
 
-ScaleTarget = CharucoTarget | ArucoTarget | DotTarget
-_KINDS: dict[str, type[ScaleTarget]] = {
-    "charuco": CharucoTarget,
-    "aruco": ArucoTarget,
-    "dots": DotTarget,
+ScaleTarget = BoardTarget | DotTarget
+_KINDS: dict[str, tuple[Callable[..., ScaleTarget], str]] = {
+    "charuco": (_charuco, "columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50"),
+    "aruco": (_aruco, "columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50"),
+    "dots": (DotTarget, "columns=7,rows=5,pitch=2mm"),
 }
 
 
 def find_target(target: ScaleTarget, image: ImageArray, *, name: str) -> TargetPoints:
-    """Find a target in a grey image as it is, or mirrored, as a camera sees it through a mirror.
+    """Find a target in a grey image.
 
     Raises:
         ConfigError: Less than half of the target is found.
     """
     found = target.find(image)
-    if not isinstance(target, DotTarget):
-        mirrored = target.find(np.ascontiguousarray(image[:, ::-1]))
-        if len(mirrored.pixels) > len(found.pixels):
-            flipped = (image.shape[1] - 1.0, 0.0) + mirrored.pixels * (-1.0, 1.0)
-            found = replace(mirrored, pixels=flipped)
     if 2 * len(found.pixels) < found.wanted:
         raise ConfigError(
             f"{name} shows {len(found.pixels)} of the target's {found.wanted} points",
@@ -211,18 +189,18 @@ def parse_target(text: str) -> ScaleTarget:
     """
     kind, _, terms = text.partition(":")
     if kind not in _KINDS:
-        raise ConfigError(
-            f"--target {text!r}: no such target", remedy=f"write {', '.join(_EXAMPLES.values())}"
-        )
+        examples = ", ".join(f"{name}:{example}" for name, (_, example) in _KINDS.items())
+        raise ConfigError(f"--target {text!r}: no such target", remedy=f"write {examples}")
+    make, example = _KINDS[kind]
     given = dict(part.partition("=")[::2] for part in terms.split(",") if part)
-    known = {field.name.removesuffix("_m"): field.name for field in fields(_KINDS[kind])}
-    wrong = sorted((known.keys() - given.keys() - {"dictionary"}) | (given.keys() - known.keys()))
+    known = signature(make).parameters.keys()
+    wrong = sorted((known - given.keys() - {"dictionary"}) | (given.keys() - known))
     if wrong:
         raise ConfigError(
             f"--target {kind}: missing or unknown: {', '.join(wrong)}",
-            remedy=f"write {_EXAMPLES[kind]}",
+            remedy=f"write {kind}:{example}",
         )
-    return _KINDS[kind](**{known[key]: _value(key, text) for key, text in given.items()})
+    return make(**{key: _value(key, text) for key, text in given.items()})
 
 
 def _value(key: str, text: str) -> Any:
@@ -315,20 +293,6 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
         rotation_rad=float(angles[0] + 0.5 * shear),
         mirrored=mirrored,
     )
-    return _with_errors(geometry, float(shear), features, solution, positions_m)
-
-
-def _with_errors(
-    geometry: CameraGeometry,
-    shear_rad: float,
-    features: FloatArray,
-    solution: FloatArray,
-    positions_m: FloatArray,
-) -> ScaleFit:
-    """State the standard errors of a fit of positions to features, pixels and a one, [n, 3]."""
-    pixels = features[:, :2]
-    centre = np.array([geometry.centre_x_px, geometry.centre_y_px])
-    scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
     off = geometry.to_pixels(positions_m) - pixels
     spread = np.sqrt(np.sum((features @ solution - positions_m) ** 2) / (2 * len(pixels) - 6))
     errors = spread * np.sqrt(np.diag(np.linalg.inv(features.T @ features)))
@@ -337,7 +301,7 @@ def _with_errors(
     return ScaleFit(
         geometry=geometry,
         residual_px=float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
-        shear_rad=shear_rad,
+        shear_rad=float(shear),
         scale_error_m=(float(errors[0]), float(errors[1])),
         rotation_error_rad=float(np.max(errors[:2] / scale)),
         centre_error_px=at_centre / geometry.mean_scale_m,

@@ -177,18 +177,14 @@ _PLACES = 3  # 1, u and v
 class NearLamp:
     """A lamp beside the gel."""
 
-    # Direction in which it stands, from growing columns towards growing rows [rad]
-    azimuth_rad: float
+    azimuth_rad: float  # where it stands, from growing columns towards growing rows [rad]
     elevation_rad: float  # angle of its light to the gel in the middle of the image [rad]
     distance: float  # from the middle of the image, in halves of its width
 
     def lit(
         self, tilt: RealArray, upright: RealArray, position: RealArray, *, softness: float
     ) -> RealArray:
-        """Return the light on a tilted surface less that on a level one, shape [n].
-
-        ``upright`` is the normal's third component; positions are as in ``seen_from``.
-        """
+        """Return the light on a surface, of this upright normal part, less that on a level one."""
         along, across, height, level = self.seen_from(position, softness=softness)
         cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
         return np.asarray(softened(cosine, softness) - level)
@@ -213,8 +209,7 @@ class ShadingTerms:
     lamps: tuple[NearLamp, ...]
     softness: float  # half width of their terminators, as a cosine
     aspect: float  # height of the image over its width
-    # Largest curvature the coefficients were fitted to [1/m]; sharper creases change no more
-    crease_limit: float
+    crease_limit: float  # largest curvature [1/m]; sharper creases change no more
 
     @property
     def count(self) -> int:
@@ -273,19 +268,15 @@ class PhotometricModel:
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
-    # Largest tilt that the coefficients hold for; steeper surfaces are rendered as this steep in
-    # their own direction, not extrapolated
+    # Largest tilt that the coefficients hold for; steeper surfaces are drawn as this steep
     tilt_limit: float = 1.0
-    # Largest indentation the coefficients were fitted to [m], likewise
-    indentation_limit_m: float = math.inf
-    # Lamps and creases, not bounded by the limit of tilt; None has none
-    terms: ShadingTerms | None = None
+    indentation_limit_m: float = math.inf  # largest that the coefficients were fitted to [m]
+    terms: ShadingTerms | None = None  # lamps and creases, not bounded by the limit of tilt
     # Grey levels of red, green, blue for each of them, shape [count, 3]
     term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     response: Response = LINEAR
-    # Grey level of a no-contact frame to which the change holds; where the frame is brighter or
-    # darker, the change of light is so too, as paint and lamps shade both alike. None adds the same
-    # everywhere.
+    # Grey level of a no-contact frame to which the change holds; over other levels it is in
+    # proportion, as paint and lamps shade both alike. None adds the same everywhere.
     reference: float | None = None
     # Where the coefficients come from, as JSON values with units in the keys
     provenance: Mapping[str, object] = field(default_factory=dict)
@@ -428,9 +419,6 @@ def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:
-    """Return u, v over columns and rows, shape [2, height * width].
-
-    They are -1 and 1 in the middle of the first and last pixel.
-    """
+    """Return u, v over columns and rows, -1 and 1 in first and last, shape [2, height * width]."""
     v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)

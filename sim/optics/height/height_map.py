@@ -65,10 +65,10 @@ def height_maps(
     indenter, from where depth counts, and no pixel lies above it.
 
     Args:
-        contact_gap_m: Largest gap between gel and indenter that counts as touching [m]; not less
-            than the gap that the contact solver leaves.
-        pad: Whose top the mesh stands for; edges are chords of a domed top, and the nodes in their
-            middles are put back onto it. None takes the mesh for the pad.
+        contact_gap_m: Largest gap to the indenter that counts as touching [m]; not less than what
+            the contact solver leaves.
+        pad: Whose domed top the nodes in the middle of its chords are put back onto; None takes
+            the mesh for the pad.
 
     Raises:
         ConfigError: The mesh covers no pixel, at rest or deformed.
@@ -108,14 +108,12 @@ def gap_left(contact_gap_m: float, standoff_m: float) -> float:
 class SurfaceHeights:
     """Draws heights per pixel of surfaces that stand side by side on a device.
 
-    The deformed positions are drawn, so material that slid sideways is where it is. Everything is
-    launched without waiting, and no array is made after the first: a CUDA graph can hold it.
+    Everything is launched without waiting, and no array is made after the first: a CUDA graph can
+    hold it.
 
     Args:
-        top: What of the gel is seen, at rest.
-        indenter: The body, or what of it bounds the gel.
         standoff_m: How far off the indenter the gel lies where it touches [m]: what lies within
-            that of it is what bounds the gel.
+            that of it bounds the gel.
         contact_gap_m: Largest gap between gel and what bounds it that counts as touching [m].
         pad: As for ``height_maps``.
 
@@ -153,7 +151,11 @@ class SurfaceHeights:
             lifts = pad.height_at(top.rest[:, 0], top.rest[:, 1]) - top.rest[:, 2]
             lifts[~np.isfinite(lifts)] = 0.0
         self._take_tables(top, lifts, standoff=standoff_m, gap=contact_gap_m)
-        self._canvas = self._blank()
+        gel, (rows, columns) = self._gel, self._size
+        nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
+        drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
+        others = {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
+        self._canvas = self._device.zeroed(kernels.Canvas, (count, nodes), **drawn, **others)
         empty = self._device.empty
         self._no_dent: Any = empty((0, 0, 0), wp.float32)
         self._no_map = empty((0, 0), wp.float64), empty((0, 0), wp.uint8)
@@ -169,9 +171,7 @@ class SurfaceHeights:
             rotations: Indenter frame to pad frame, mat33d, shape [count].
             dent_out: float32, shape [count, height, width].
         """
-        poses = filled(Poses, tips=tips, rotations=rotations)
-        self._draw(positions, poses)
-        self._bound(self._count, poses, [dent_out, *self._no_map])
+        self._draw(positions, tips, rotations, [dent_out, *self._no_map])
 
     def maps(self, positions: Any, tips: Any, rotations: Any) -> tuple[Any, Any]:
         """Return heights [m], float64, and where the gel touches, uint8, [count, height * width].
@@ -180,9 +180,7 @@ class SurfaceHeights:
         """
         pixels = (self._count, self._size[0] * self._size[1])
         loaded, contact = (self._device.empty(pixels, kind) for kind in (wp.float64, wp.uint8))
-        poses = filled(Poses, tips=tips, rotations=rotations)
-        self._draw(positions, poses)
-        self._bound(self._count, poses, [self._no_dent, loaded, contact])
+        self._draw(positions, tips, rotations, [self._no_dent, loaded, contact])
         return loaded, contact
 
     def _take_tables(self, top: TopSurface, lifts: FloatArray, **lengths_m: float) -> None:
@@ -196,14 +194,6 @@ class SurfaceHeights:
             tables |= two_rings(top.faces, len(top.rest))
         middle = wp.vec2d(*(axis or (0.0, 0.0)))
         self._gel = self._device.tables(kernels.Gel, tables, axis=middle, **lengths_m)
-
-    def _blank(self) -> Any:
-        """Return room for all that is drawn."""
-        gel, count, (rows, columns) = self._gel, self._count, self._size
-        nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
-        drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
-        others = {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
-        return self._device.zeroed(kernels.Canvas, (count, nodes), **drawn, **others)
 
     def _draw_rest(self, top: TopSurface) -> None:
         """Draw the unloaded surface as it is, neither round nor cut, far from the indenter."""
@@ -222,9 +212,9 @@ class SurfaceHeights:
         out = self.rest_m.reshape((1, -1)), device.empty((1, len(self.rest_m)), wp.uint8)
         self._bound(1, far, [self._no_dent, *out])
 
-    def _draw(self, positions: Any, poses: Any) -> None:
-        """Draw all surfaces, not yet bounded by the indenter."""
+    def _draw(self, positions: Any, tips: Any, rotations: Any, outputs: list[Any]) -> None:
         count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
+        poses = filled(Poses, tips=tips, rotations=rotations)
         launch(kernels.take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
         if _length(gel.on_rays):
             launch(kernels.round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
@@ -234,6 +224,7 @@ class SurfaceHeights:
         launch(kernels.close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
         launch(kernels.mark_edges, (count, len(gel.parts)), [gel], [canvas])
         self._draw_nodes(count)
+        self._bound(count, poses, outputs)
 
     def _draw_nodes(self, count: int) -> None:
         """Find slopes at the nodes of the first surfaces, and draw their facets."""

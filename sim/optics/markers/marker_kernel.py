@@ -5,31 +5,15 @@ from typing import Any
 import warp as wp
 
 
-@wp.kernel(enable_backward=False)
-def carry_points(
-    # Model:
-    nodes: wp.array2d(dtype=wp.int32),
-    signs: wp.array2d(dtype=wp.vec3d),
-    rest: wp.array2d(dtype=wp.vec3d),
-    weights: wp.array(dtype=wp.vec3d),
-    # Data in:
-    positions: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    moved_out: wp.array2d(dtype=wp.vec3d),
-):
-    """Weigh the displacement of the corners of each point's facet."""
-    env, i = wp.tid()
-    moved = wp.vec3d()
-    for c in range(3):
-        at = wp.cw_mul(positions[env, nodes[i, c]], signs[i, c])
-        moved += weights[i][c] * (at - rest[i, c])
-    moved_out[env, i] = moved
-
-
 @wp.struct
-class Projection:
-    """How points of the gel are seen."""
+class Points:
+    """Points of the gel, how they hang on a model's nodes, and how they are seen."""
 
+    nodes: wp.array2d(dtype=wp.int32)  # at the corners of the facet that each lies on, shape [n, 3]
+    signs: wp.array2d(dtype=wp.vec3d)  # of those nodes' coordinates
+    rest: wp.array2d(dtype=wp.vec3d)  # the corners at rest [m]
+    weights: wp.array(dtype=wp.vec3d)  # of the corners, shape [n]
+    rest_px: wp.array(dtype=wp.vec2d)  # where the points are seen at rest
     back: wp.mat22d  # pixels for a pad step [px/m]
     middle: wp.vec2d  # column and row of the camera's axis [px]
     per_distance: wp.float64  # one over the pinhole's distance from the gel [1/m]
@@ -37,19 +21,20 @@ class Projection:
 
 @wp.kernel(enable_backward=False)
 def see_points(
-    view: Projection,
-    rest_px: wp.array(dtype=wp.vec2d),
-    # Data in:
-    moved: wp.array2d(dtype=wp.vec3d),
+    points: Points,
+    positions: wp.array2d(dtype=wp.vec3d),
     # Data out:
     pixel_out: wp.array3d(dtype=wp.float32),
 ):
     """Project points that moved; what comes nearer to the camera moves away from its axis."""
     env, i = wp.tid()
-    by = moved[env, i]
-    pixel = rest_px[i] + view.back * wp.vec2d(by[0], by[1])
-    nearer = -by[2] * view.per_distance
-    pixel += (pixel - view.middle) * (nearer / (wp.float64(1.0) - nearer))
+    by = wp.vec3d()
+    for c in range(3):
+        at = wp.cw_mul(positions[env, points.nodes[i, c]], points.signs[i, c])
+        by += points.weights[i][c] * (at - points.rest[i, c])
+    pixel = points.rest_px[i] + points.back * wp.vec2d(by[0], by[1])
+    nearer = -by[2] * points.per_distance
+    pixel += (pixel - points.middle) * (nearer / (wp.float64(1.0) - nearer))
     for axis in range(2):
         pixel_out[env, i, axis] = wp.float32(pixel[axis])
 

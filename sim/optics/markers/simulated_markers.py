@@ -7,17 +7,10 @@ import numpy as np
 import warp as wp
 from scipy.spatial import cKDTree
 
-from sim.device import Device, filled
+from sim.device import Device
 from sim.fields.npz_and_vtu import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
-from sim.optics.markers.marker_kernel import (
-    Projection,
-    came_from,
-    carry_points,
-    motion_of,
-    print_ink,
-    see_points,
-)
+from sim.optics.markers import marker_kernel as kernels
 from sim.optics.markers.marker_tracking import FINE, PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
@@ -54,20 +47,20 @@ class SeenPoints:
         facets = linear_facets(top.faces)
         chosen, weights = _cover(top.rest[facets][..., :2], points, beside=beside)
         corners = facets[chosen]
-        self._tables = [
-            on.array(top.sources[corners], wp.int32),
-            on.array(top.signs[corners], wp.vec3d),
-            on.array(top.rest[corners], wp.vec3d),
-            on.array(weights, wp.vec3d),
-        ]
-        self._rest_px: Any = on.array(geometry.to_pixels(points), wp.vec2d)
-        self._view = filled(
-            Projection,
+        tables = {
+            "nodes": top.sources[corners],
+            "signs": top.signs[corners],
+            "rest": top.rest[corners],
+            "weights": weights,
+            "rest_px": geometry.to_pixels(points),
+        }
+        self._points = on.tables(
+            kernels.Points,
+            tables,
             back=wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1)),
             middle=wp.vec2d(0.5 * (geometry.width - 1), 0.5 * (geometry.height - 1)),
             per_distance=1.0 / geometry.distance_m,
         )
-        self._moved: Any = on.zeros((count, len(points)), wp.vec3d)
         self._seen: Any = on.zeros((count, len(points), 2), wp.float32)
 
     def pixels(self, positions: Any) -> Any:
@@ -75,9 +68,8 @@ class SeenPoints:
 
         Positions of a model's nodes [m] are vec3d, of shape [count, node_count], on the device.
         """
-        launch, shape = self._device.launch, self._moved.shape
-        launch(carry_points, shape, [*self._tables, positions], [self._moved])
-        launch(see_points, shape, [self._view, self._rest_px, self._moved], [self._seen])
+        inputs = [self._points, positions]
+        self._device.launch(kernels.see_points, self._seen.shape[:2], inputs, [self._seen])
         return self._seen
 
 
@@ -179,11 +171,11 @@ class MarkerPrinter:
         """
         launch, spacing = self._device.launch, float(_SPACING_PX)
         seen = self._lattice.pixels(positions)
-        launch(motion_of, self._moved.shape, [spacing, seen], [self._moved])
-        launch(came_from, self._moved.shape, [spacing, self._moved], [self._motion])
+        launch(kernels.motion_of, self._moved.shape, [spacing, seen], [self._moved])
+        launch(kernels.came_from, self._moved.shape, [spacing, self._moved], [self._motion])
         cells = (len(images), self._size[0] - 1, self._size[1] - 1)
         taken = [_SPACING_PX, float(FINE), self._dark, self._ink, self._inked, self._motion]
-        launch(print_ink, cells, taken, [images])
+        launch(kernels.print_ink, cells, taken, [images])
 
     def image_over(self, image: ImageArray, surface: SurfaceState) -> ImageArray:
         """Return one image, RGB, of a processor's printer, with markers over it."""

@@ -16,14 +16,7 @@ from sim.device import Device
 from sim.optics.colour.colour_model import ColourModel, PixelColours, SampleColours
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import HeightMaps
-from sim.optics.pixels.blur_and_exposure_kernel import (
-    blur_columns,
-    continue_samples,
-    expose_pixels,
-    lay_out_samples,
-    mirror_ends,
-    tilt_samples,
-)
+from sim.optics.pixels import blur_and_exposure_kernel as kernels
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
@@ -103,17 +96,17 @@ class TactileRenderer:
     def prepared(self, count: int) -> tuple[Any, Callable[[], Any]]:
         """Return where indentations of images are written, and what renders those written there.
 
-        The indentations [m] are a Warp float32 array of shape [count, height, width], of the
-        samples. Rendering launches and does not wait; its images are a Warp array of uint8, shape
-        [count, height, width, 3], that the next rendering of as many overwrites.
+        Those are of the samples [m], Warp float32, shape [count, height, width]. Rendering does not
+        wait; its images, Warp uint8, shape [count, height, width, 3], the next one overwrites.
         """
         images = self._images_of(count, self._base)
-        return images.dent, partial(self._rendered, images)
 
-    def _rendered(self, images: _Images) -> Any:
-        self._run(images.to_change)
-        self._run(images.to_bytes)
-        return images.bytes
+        def rendered() -> Any:
+            self._run(images.to_change)
+            self._run(images.to_bytes)
+            return images.bytes
+
+        return images.dent, rendered
 
     def _blurred_change_at_rest(self) -> Float32Array:
         """Return what the model says of the unloaded gel [grey levels], [3, height, width]."""
@@ -146,14 +139,7 @@ class TactileRenderer:
 
 
 class _Images:
-    """Memory for some images at a time, and the recorded launches that fill it.
-
-    Attributes:
-        dent: Indentations of the samples [m], shape [count, height, width] of them.
-        change: Change of light of pixels, channel by channel.
-        bytes: Of the images, shape [count, height, width, 3].
-        to_change, to_bytes: Stages from dents to changes of light, and on to bytes, each of parts.
-    """
+    """Memory for some images at a time, and the recorded launches that fill it."""
 
     def __init__(
         self,
@@ -168,10 +154,11 @@ class _Images:
         self._layout, self._count, self._device = layout, count, Device(layout.device)
         geometry = layout.geometry
         fine, empty = geometry.refined(layout.samples), self._device.empty
-        self.dent: Any = empty((count, fine.height, fine.width), wp.float32)
+        self.dent: Any = empty((count, fine.height, fine.width), wp.float32)  # of the samples [m]
         self.bytes: Any = empty((count, geometry.height, geometry.width, 3), wp.uint8)
         blocks = count * geometry.height * layout.row_blocks
         self.change = BlockMemory(3, blocks, layout.lanes, layout.device)
+        # Stages from dents to changes of light, and on to bytes, each of parts:
         self.to_change = self._coloured(rest, colours)
         if shadows is not None:
             gain = np.ones_like(colours.light) if colours.gain is None else colours.gain
@@ -190,14 +177,14 @@ class _Images:
         def go_on(planes: BlockMemory) -> list[Task]:
             inputs = [layout.layout(), layout.lanes, planes.single[0]]
             size = (count, sum(self.dent.shape[1:]))
-            return [self._device.record(continue_samples, size, inputs).launch]
+            return [self._device.record(kernels.continue_samples, size, inputs).launch]
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
         return [
-            self._by_blocks(lay_out_samples, [rest, self.dent, dents, height]),
+            self._by_blocks(kernels.lay_out_samples, [rest, self.dent, dents, height]),
             go_on(self._height),
-            self._by_blocks(tilt_samples, [self._height.shifted[:, 0], *tilts]),
+            self._by_blocks(kernels.tilt_samples, [self._height.shifted[:, 0], *tilts]),
             go_on(self._along),
             go_on(self._across),
             self._changed(colours),
@@ -254,9 +241,9 @@ class _Images:
         mirror = [reach, room * layout.lanes, flat]
         expose = [taps, room, knee, base_blocks, blurred.shifted, self.bytes]
         return [
-            self._by_blocks(blur_columns, [taps, room, self.change.blocks, blurred.blocks]),
-            self._in_parts(mirror_ends, layout.layout(), rows, (3,), mirror),
-            self._by_blocks(expose_pixels, expose),
+            self._by_blocks(kernels.blur_columns, [taps, room, self.change.blocks, blurred.blocks]),
+            self._in_parts(kernels.mirror_ends, layout.layout(), rows, (3,), mirror),
+            self._by_blocks(kernels.expose_pixels, expose),
         ]
 
     def _by_blocks(self, kernel: Any, inputs: list[Any]) -> list[Task]:

@@ -1,9 +1,10 @@
 """Images of scale targets with known scale, rotation and centre, for the tests."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 
-from sim.optics.calibrate.pixel_scale import ArucoTarget, CharucoTarget
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import ImageArray
 
@@ -11,15 +12,10 @@ SUPERSAMPLING = 4
 _PRINT_PX_M = 60e3
 
 
-def printed_board(target: CharucoTarget | ArucoTarget) -> np.ndarray:
-    """Print a board at 60 px/mm without margin; its middle is the target's middle."""
-    if isinstance(target, CharucoTarget):
-        size = np.array([target.columns, target.rows]) * target.square_m
-    else:
-        pitch = target.marker_m + target.gap_m
-        size = np.array([target.columns, target.rows]) * pitch - target.gap_m
-    width, height = (round(float(side) * _PRINT_PX_M) for side in size)
-    return target.board().generateImage((width, height), marginSize=0, borderBits=1)
+def printed_board(board: Any) -> np.ndarray:
+    """Print OpenCV's board at 60 px/mm without margin; its middle is the target's middle."""
+    width, height = (round(side * _PRINT_PX_M) for side in board.getRightBottomCorner()[:2])
+    return board.generateImage((width, height), marginSize=0, borderBits=1)
 
 
 def photograph(
