@@ -33,5 +33,5 @@ def test_every_public_name_is_listed() -> None:
 def test_limits_of_the_gel_are_those_of_the_page() -> None:
     """They are written by hand there."""
     page = " ".join((DOCS / "reference" / "rig-toml.md").read_text("utf-8").split())
-    assert f"at most {100 * DEPTH_SHARE:.0f} % of its height" in page
+    assert f"at most {100 * DEPTH_SHARE:.0f} % of the gel's height" in page
     assert f"at most {PRESSURE_MODULI:g} times the modulus" in page
