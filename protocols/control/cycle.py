@@ -3,8 +3,7 @@
 Whatever a step waits for, it waits by turning this cycle, so nothing ever waits unguarded.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
@@ -118,7 +117,7 @@ class Cycle:
 
     def set_velocity(self, velocity: Vector6) -> None:
         """Set the tool's velocity [m/s, rad/s]."""
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         self._follow.command(velocity[2])
 
@@ -126,7 +125,7 @@ class Cycle:
         """Start a straight move after every check that can be made beforehand."""
         self.workspace.check_target(target)
         self._follow.forget()
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
                     f"robot: its safety limits do not admit {target.position}",
@@ -138,7 +137,7 @@ class Cycle:
 
     def is_moving(self) -> bool:
         """Return whether the move that was started last goes on."""
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             return self.rig.arm.is_moving()
 
     def stop(self) -> None:
@@ -175,12 +174,12 @@ class Cycle:
         now_ns = self.rig.clock.now_ns()
         if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
             self._kicked_ns = now_ns
-            with _as_breach("robot"):
+            with _AsBreach("robot"):
                 self.rig.arm.kick_watchdog()
 
     def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
-        with _as_breach("force sensor"):
+        with _AsBreach("force sensor"):
             samples = sensor.drain()
             health = sensor.health()
             if samples:
@@ -194,7 +193,7 @@ class Cycle:
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
     def _read_arm(self, states: list[ArmSample]) -> None:
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             states += self.rig.arm.drain()
             if states:
                 self.sink.put(tuple(states))
@@ -221,7 +220,7 @@ class Cycle:
             )
 
     def _watch_camera(self) -> None:
-        with _as_breach("camera", Reaction.RETRACT):
+        with _AsBreach("camera", Reaction.RETRACT):
             marks, health = self.rig.camera.poll(), self.rig.camera.health()
         if marks:
             self._touch_seen = marks[-1].touched
@@ -229,12 +228,17 @@ class Cycle:
         self._streams.check_image(health)
 
 
-@contextmanager
-def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
-    """Make the loss of a device a breach."""
-    try:
-        yield
-    except DeviceError as error:
-        raise BreachError(
-            error.message, limit=device, reaction=reaction, remedy=error.remedy
-        ) from error
+class _AsBreach:
+    """Makes the loss of a device a breach; no generator, as every turn enters it."""
+
+    def __init__(self, device: str, reaction: Reaction = Reaction.HOLD) -> None:
+        self._terms = device, reaction
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        if isinstance(error, DeviceError):
+            limit, reaction = self._terms
+            raise BreachError(
+                error.message, limit=limit, reaction=reaction, remedy=error.remedy
+            ) from error

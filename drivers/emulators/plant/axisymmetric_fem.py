@@ -249,7 +249,10 @@ def solved(matrix: csc_matrix, load: FloatArray, free: Int64Array) -> FloatArray
     found = np.zeros_like(load)
     try:
         factor = splu(
-            matrix[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+            matrix[free][:, free],
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
         )
     except RuntimeError as error:
         raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
