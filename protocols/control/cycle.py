@@ -107,8 +107,7 @@ class Cycle:
             except BreachError as breach:
                 breaches.append(breach)
         if breaches:
-            worst = max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
-            raise self._explained(worst)
+            raise self._explained(max(breaches, key=lambda each: _SEVERITY.index(each.reaction)))
         if self.last_state is None:
             raise BreachError(
                 "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""
@@ -197,8 +196,7 @@ class Cycle:
             states += self.rig.arm.drain()
             if states:
                 self.sink.put(tuple(states))
-            state = self.rig.arm.state()
-        self.last_state = state
+            self.last_state = state = self.rig.arm.state()
         self.rates.arm(len(states))
         self.workspace.check_state(state)
         self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
@@ -210,8 +208,7 @@ class Cycle:
 
     def _watch_record(self) -> None:
         self.rates.record_lag(self.sink.lag_s())
-        problem = self.sink.problem()
-        if problem:
+        if problem := self.sink.problem():
             raise BreachError(
                 problem,
                 limit="recorder",
@@ -228,17 +225,17 @@ class Cycle:
         self._streams.check_image(health)
 
 
+@dataclass(slots=True)
 class _AsBreach:
     """Makes the loss of a device a breach; no generator, as every turn enters it."""
 
-    def __init__(self, device: str, reaction: Reaction = Reaction.HOLD) -> None:
-        self._terms = device, reaction
+    device: str
+    reaction: Reaction = Reaction.HOLD
 
     def __enter__(self) -> None: ...
 
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         if isinstance(error, DeviceError):
-            limit, reaction = self._terms
             raise BreachError(
-                error.message, limit=limit, reaction=reaction, remedy=error.remedy
+                error.message, limit=self.device, reaction=self.reaction, remedy=error.remedy
             ) from error

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats.qmc import Sobol
 
 from sim.accuracy import Tolerance, keeping_corrected
 from sim.batch.batch import Batch
@@ -64,8 +65,6 @@ def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
 
     Constant, what remains of all, and ``ForceBias.by_force``.
     """
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415 - half a second that few need
-
     pad = deepest.pad
     assert isinstance(pad, BoxPad)  # noqa: S101 - that of a sensor's model is
     half = np.array(pad.half_extents()) - _MARGIN_M
