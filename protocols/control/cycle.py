@@ -3,8 +3,7 @@
 Whatever a step waits for, it waits by turning this cycle, so nothing ever waits unguarded.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
@@ -108,8 +107,7 @@ class Cycle:
             except BreachError as breach:
                 breaches.append(breach)
         if breaches:
-            worst = max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
-            raise self._explained(worst)
+            raise self._explained(max(breaches, key=lambda each: _SEVERITY.index(each.reaction)))
         if self.last_state is None:
             raise BreachError(
                 "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""
@@ -118,7 +116,7 @@ class Cycle:
 
     def set_velocity(self, velocity: Vector6) -> None:
         """Set the tool's velocity [m/s, rad/s]."""
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         self._follow.command(velocity[2])
 
@@ -126,7 +124,7 @@ class Cycle:
         """Start a straight move after every check that can be made beforehand."""
         self.workspace.check_target(target)
         self._follow.forget()
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
                     f"robot: its safety limits do not admit {target.position}",
@@ -138,7 +136,7 @@ class Cycle:
 
     def is_moving(self) -> bool:
         """Return whether the move that was started last goes on."""
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             return self.rig.arm.is_moving()
 
     def stop(self) -> None:
@@ -175,12 +173,12 @@ class Cycle:
         now_ns = self.rig.clock.now_ns()
         if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
             self._kicked_ns = now_ns
-            with _as_breach("robot"):
+            with _AsBreach("robot"):
                 self.rig.arm.kick_watchdog()
 
     def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
-        with _as_breach("force sensor"):
+        with _AsBreach("force sensor"):
             samples = sensor.drain()
             health = sensor.health()
             if samples:
@@ -194,12 +192,11 @@ class Cycle:
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
     def _read_arm(self, states: list[ArmSample]) -> None:
-        with _as_breach("robot"):
+        with _AsBreach("robot"):
             states += self.rig.arm.drain()
             if states:
                 self.sink.put(tuple(states))
-            state = self.rig.arm.state()
-        self.last_state = state
+            self.last_state = state = self.rig.arm.state()
         self.rates.arm(len(states))
         self.workspace.check_state(state)
         self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
@@ -211,8 +208,7 @@ class Cycle:
 
     def _watch_record(self) -> None:
         self.rates.record_lag(self.sink.lag_s())
-        problem = self.sink.problem()
-        if problem:
+        if problem := self.sink.problem():
             raise BreachError(
                 problem,
                 limit="recorder",
@@ -221,7 +217,7 @@ class Cycle:
             )
 
     def _watch_camera(self) -> None:
-        with _as_breach("camera", Reaction.RETRACT):
+        with _AsBreach("camera", Reaction.RETRACT):
             marks, health = self.rig.camera.poll(), self.rig.camera.health()
         if marks:
             self._touch_seen = marks[-1].touched
@@ -229,12 +225,17 @@ class Cycle:
         self._streams.check_image(health)
 
 
-@contextmanager
-def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
-    """Make the loss of a device a breach."""
-    try:
-        yield
-    except DeviceError as error:
-        raise BreachError(
-            error.message, limit=device, reaction=reaction, remedy=error.remedy
-        ) from error
+@dataclass(slots=True)
+class _AsBreach:
+    """Makes the loss of a device a breach; no generator, as every turn enters it."""
+
+    device: str
+    reaction: Reaction = Reaction.HOLD
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        if isinstance(error, DeviceError):
+            raise BreachError(
+                error.message, limit=self.device, reaction=self.reaction, remedy=error.remedy
+            ) from error

@@ -248,9 +248,8 @@ def solved(matrix: csc_matrix, load: FloatArray, free: Int64Array) -> FloatArray
     """Return the solution over the ``free`` degrees of freedom, zero at the others."""
     found = np.zeros_like(load)
     try:
-        factor = splu(
-            matrix[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        part, kind = matrix[free][:, free], {"SymmetricMode": True}
+        factor = splu(part, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=kind)
     except RuntimeError as error:
         raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
     found[free] = factor.solve(load[free])

@@ -302,8 +302,8 @@ def _near(
     offsets = about_s + np.arange(-within_s, within_s, NEAR_STEP_S)
     bins = np.split(order, np.linspace(0, len(grid), BINS, endpoint=False).astype(np.int64)[1:])
     # An offset shows what the next one shows a step later.
-    steps = np.arange(len(grid) + len(offsets) - 1)
-    shown = second.at(grid[0] - offsets[-1] + NEAR_STEP_S * steps)[::-1]
+    steps_s = NEAR_STEP_S * np.arange(len(grid) + len(offsets) - 1)
+    shown = second.at(grid[0] - offsets[-1] + steps_s)[::-1]
     windows = sliding_window_view(shown, len(offsets))[::-1]
     explained = sum(windows[part].sum(axis=0) ** 2 / len(part) for part in bins)
     apart = np.convolve(shown**2, np.ones(len(grid)), "valid") - explained

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.scene.indenter import MeshIndenter
@@ -323,6 +322,8 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
 
 def _shares(plan: Plan, dimensions: int, count: int) -> FloatArray:
     """Return points of the unit cube, shape [count, dimensions]; a longer Sobol goes on."""
+    from scipy.stats import qmc  # noqa: PLC0415 - half a second that the workers do not need
+
     if not dimensions:
         return np.zeros((count, 0))
     if plan.design is Design.SOBOL:
