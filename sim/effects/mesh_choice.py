@@ -90,6 +90,15 @@ def contact_reach(scene: Scene) -> float:
     return min(contact_radius(scene, mesh_depth(scene)), widest)
 
 
+def contact_centre(scene: Scene) -> tuple[float, float]:
+    """Return where a contact is centred [m]: a ball touches a dome beside the ball's axis."""
+    pad, (x, y) = scene.pad, scene.centre_m
+    if not isinstance(scene.indenter, Sphere) or not isinstance(pad, BoxPad):
+        return x, y
+    radius = scene.indenter.radius_m
+    return x / (1.0 + radius / pad.dome_radius_x_m), y / (1.0 + radius / pad.dome_radius_y_m)
+
+
 def mesh_depth(scene: Scene) -> float:
     """Return the depth that a mesh is made for [m]."""
     share = _EXPECTED_DEPTH_SHARE * scene.pad.height_m

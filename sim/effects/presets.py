@@ -6,6 +6,7 @@ from sim.contact.surface_and_grip import ContactOptions
 from sim.effects.mesh_choice import (
     MeshKind,
     Resolution,
+    contact_centre,
     contact_reach,
     footprint_mesh,
     mesh_choice,
@@ -157,7 +158,7 @@ def mesh_for(
     return revolved_mesh(
         scene.pad,
         _grading(scene, resolution),
-        centre_m=scene.centre_m,
+        centre_m=contact_centre(scene),
         sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,

@@ -143,8 +143,8 @@ def _areas_at(
     forces = kept_forces(scene, depths_m.tolist(), refinement=_REFINEMENT)
     # The rule of that mesh was fitted without friction; against the emulator it holds with it too.
     rule = rules_of(replace(scene, contact=ContactMode.FRICTIONLESS)).get(_REFINEMENT)
-    bias = [rule.bias(scene, depth) if rule else 0.0 for depth in depths_m.tolist()]
-    return forces / (1.0 + np.array(bias)) / inputs.sensor.material.young_pa
+    bias = rule.bias(scene) if rule else 0.0
+    return forces / (1.0 + bias) / inputs.sensor.material.young_pa
 
 
 LEVEL = float(chi2.ppf(0.95, 1))
