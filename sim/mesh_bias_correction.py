@@ -14,7 +14,7 @@ improve scenes that were left out: the meshes are not nested, and the barrier's 
 
 from dataclasses import asdict, dataclass, replace
 
-from sim.effects.estimates import contact_radius, expected_depth
+from sim.effects.estimates import contact_radius, expected_depth, has_several_equilibria
 from sim.effects.mesh_choice import MeshKind, mesh_choice
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import PressOutputs
@@ -180,6 +180,8 @@ def correction(
     rule = rules_of(scene).get(scene.refinement) if scene.preset is Preset.FAST else None
     force, depth = float(found.force_n[2]), found.depth_m
     if way is None or rule is None or depth > _DEEPEST_SHARE * scene.pad.height_m:
+        return None
+    if has_several_equilibria(scene):  # none was drawn
         return None
     if not force > 0.0 or not found.stiffness_n_m > 0.0:
         return None
