@@ -35,7 +35,9 @@ _MOVES_MAX = wp.constant(16)
 _RISES_MAX = wp.constant(60)
 _MET_M = wp.constant(wp.float64(1.0e-10))
 # Of the surface's size: farther than this from it, no exact distance is needed.
-_FAR_SHARE = wp.constant(wp.float64(0.02))
+_FAR_SHARE = wp.constant(wp.float64(0.01))
+# Faces of a leaf of the tree: four are found in three quarters of the time of one.
+_LEAF = 4
 
 
 @wp.struct
@@ -64,7 +66,7 @@ def on_device(surface: TriangleSurface, device: str, *, rounding_m: float = 0.0)
     centre, size = 0.5 * (low + high), float((high - low).max())
     points: Any = wp.array((surface.vertices - centre) / size, dtype=wp.vec3f, device=device)
     corners: Any = wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device)
-    tree = wp.Mesh(points=points, indices=corners)
+    tree = wp.Mesh(points=points, indices=corners, bvh_leaf_size=_LEAF)
     placed = {
         "centre": wp.vec3d(*centre),
         "half": wp.vec3d(*(np.abs(surface.vertices - centre).max(axis=0))),
@@ -213,13 +215,13 @@ def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
 def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
     """Return the distance [m], positive outside, and its gradient.
 
-    Outside and beyond ``reach`` [m], and the rounding, it may be too small, but not below these.
+    Outside and beyond ``reach`` [m] it may be too small, but not below that.
     Where no face is near, a ray down that meets none tells that the point is outside.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
     distance, n = wp.length(beside) - surface.rounding, beside
-    far = wp.max(_FAR_SHARE / surface.per_size + surface.rounding, reach)
+    far = wp.max(_FAR_SHARE / surface.per_size, reach)
     if distance > far:
         n = wp.normalize(beside)
     else:

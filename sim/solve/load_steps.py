@@ -54,9 +54,9 @@ _EVEN_SHARE = 0.1
 _LONGER = 1e-3
 # Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
-# Residual over the contact force of an intermediate state. The next one is extrapolated from these,
-# and the better the more exact they are.
-_INTERMEDIATE = 1e-4
+# Residual over the contact force of an intermediate state, and over that of the last one where the
+# depth is given. The next one is extrapolated from these, the better the more exact they are.
+_INTERMEDIATE, _OVER_LAST = 1e-4, 10.0
 # Of F_z: a smaller change tells no stiffness; intermediate states meet it to a tenth of that.
 _TELLS_STIFFNESS = 1e-3
 
@@ -414,7 +414,7 @@ class Stepping:
             state: Where to start from; it becomes the point's.
             load_n: Force that the indenter is pushed with [N]; None holds it where it is.
             must_touch: An equilibrium in which nothing presses is none.
-            intermediate: To 0.01 % will do.
+            intermediate: To 0.01 % or less will do.
             before: The point that was gone on from.
 
         Raises:
@@ -422,10 +422,13 @@ class Stepping:
         """
         solver, model, options = self.solver, self.model, self.options
         wanted = options.residual_relative
+        rougher = max(_INTERMEDIATE, _OVER_LAST * wanted)
         if load_n is not None:
             load_n = load_n / model.mesh.symmetry.copies
-            wanted = min(wanted, options.load_relative)
-        options = replace(options, residual_relative=_INTERMEDIATE if intermediate else wanted)
+            wanted, rougher = min(wanted, options.load_relative), _INTERMEDIATE
+        if intermediate:
+            wanted = rougher
+        options = replace(options, residual_relative=wanted)
         found = solver.settle(state, load_n=load_n, must_touch=must_touch, options=options)
         if model.contact_options.bonded:
             model.surface.refresh_grip(solver.indenter, state)

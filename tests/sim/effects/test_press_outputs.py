@@ -137,10 +137,10 @@ def test_the_end_is_that_of_a_way_on_the_same_mesh(scene: Scene, apart: float) -
 
 
 def test_what_remembers_its_way_goes_it_on_its_own_mesh() -> None:
-    """A gel with mass, and points that hold for ever."""
+    """A gel with mass pressed quickly, and points that hold for ever."""
     assert has_own_way(CARRIED, PLAN)
     assert not has_own_way(replace(CARRIED, path_refinement=None), PLAN)
-    with_mass = replace(CARRIED, effects=((Effect.INERTIA, True),))
+    with_mass = replace(CARRIED, effects=((Effect.INERTIA, True),), duration_s=1e-3)
     assert not has_own_way(with_mass, full_plan(with_mass))
     bonded = replace(CARRIED, contact=ContactMode.BONDED, path_refinement=0.6)
     assert not has_own_way(bonded, full_plan(bonded))
