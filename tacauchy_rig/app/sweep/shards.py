@@ -5,6 +5,7 @@ import json
 import resource
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -37,6 +38,7 @@ from tacauchy_rig.app.sweep.plan import (
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.versions import library
 
@@ -89,6 +91,8 @@ def compute_shard(
 ) -> tuple[dict[str, AnyArray], dict[str, float]]:
     """Press a shard's rows; those that state too large an error again, with smaller elements.
 
+    A GPU that cannot hold the finer mesh leaves them their error.
+
     Args:
         rows: Of one sensor and either all with friction or all without.
 
@@ -104,13 +108,12 @@ def compute_shard(
         poor = np.flatnonzero(arrays["force_error"] > simulation.tolerance)
         if not len(poor):
             break
-        again, further = _pressed(
-            [rows[k] for k in poor.tolist()], simulation, float(edge_m), device
-        )
-        found = again["valid"]
-        for name, values in again.items():
-            arrays[name][poor[found]] = values[found]
-        took = {name: seconds + further[name] for name, seconds in took.items()}
+        with suppress(ConfigError):
+            again, further = _pressed([rows[k] for k in poor], simulation, float(edge_m), device)
+            found = again["valid"]
+            for name, values in again.items():
+                arrays[name][poor[found]] = values[found]
+            took = {name: seconds + further[name] for name, seconds in took.items()}
     return arrays, took
 
 
