@@ -102,12 +102,12 @@ def compute_shard(
         seconds that ``setup`` (mesh, its inverse), ``solve`` and ``render`` took.
     """
     arrays, took = _pressed(rows, simulation, simulation.edge, device)
-    for edge_m in simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]:
+    for edge_m in (simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]).tolist():
         poor = np.flatnonzero(arrays["force_error"] > simulation.tolerance)
         if not len(poor):
             break
         with suppress(ConfigError):
-            again, further = _pressed([rows[k] for k in poor], simulation, float(edge_m), device)
+            again, further = _pressed([rows[k] for k in poor.tolist()], simulation, edge_m, device)
             found = again["valid"]
             for name, values in again.items():
                 arrays[name][poor[found]] = values[found]
