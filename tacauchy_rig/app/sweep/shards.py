@@ -5,6 +5,7 @@ import json
 import resource
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -37,6 +38,7 @@ from tacauchy_rig.app.sweep.plan import (
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.versions import library
 
@@ -87,7 +89,7 @@ def hashed(plan: Plan, rows: Sequence[Row]) -> dict[str, Row]:
 def compute_shard(
     rows: Sequence[Row], simulation: Simulation, *, device: str = "cpu"
 ) -> tuple[dict[str, AnyArray], dict[str, float]]:
-    """Press a shard's rows; those that state too large an error again, with smaller elements.
+    """Press a shard's rows; those that state too large an error again, on finer meshes that fit.
 
     Args:
         rows: Of one sensor and either all with friction or all without.
@@ -100,17 +102,16 @@ def compute_shard(
         seconds that ``setup`` (mesh, its inverse), ``solve`` and ``render`` took.
     """
     arrays, took = _pressed(rows, simulation, simulation.edge, device)
-    for edge_m in simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]:
+    for edge_m in (simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]).tolist():
         poor = np.flatnonzero(arrays["force_error"] > simulation.tolerance)
         if not len(poor):
             break
-        again, further = _pressed(
-            [rows[k] for k in poor.tolist()], simulation, float(edge_m), device
-        )
-        found = again["valid"]
-        for name, values in again.items():
-            arrays[name][poor[found]] = values[found]
-        took = {name: seconds + further[name] for name, seconds in took.items()}
+        with suppress(ConfigError):
+            again, further = _pressed([rows[k] for k in poor.tolist()], simulation, edge_m, device)
+            found = again["valid"]
+            for name, values in again.items():
+                arrays[name][poor[found]] = values[found]
+            took = {name: seconds + further[name] for name, seconds in took.items()}
     return arrays, took
 
 
@@ -136,7 +137,7 @@ def _pressed(
     turns = np.array([tilted(row.tilt_x_rad, row.tilt_y_rad) for row in rows])
     touch_m = first_touch(sensor.pad, pressing, places, turns, device=device)
     loads = [row.force_n for row in rows]
-    poses = _poses(rows, touch_m, Rotation.from_matrix(turns))
+    poses = _poses(rows, places, touch_m, Rotation.from_matrix(turns))
     found = batch.follow(
         poses, loads_n=None if loads[0] is None else np.tile(np.array(loads), (len(poses), 1))
     )[-1]
@@ -191,14 +192,13 @@ def _gel(sensor: Sensor, factor: float) -> list[Material]:
     return [layer.material for layer in gel.layers] or [gel.material]
 
 
-def _poses(rows: Sequence[Row], touch_m: FloatArray, turns: Rotation) -> FloatArray:
+def _poses(rows: Sequence[Row], at: FloatArray, touch_m: FloatArray, turns: Rotation) -> FloatArray:
     """Return the way of every indenter: pressed in, then moved along, shape [frames, count, 7]."""
-    starts = np.array([(row.x_m, row.y_m) for row in rows])
     ways = np.array([(row.shift_x_m, row.shift_y_m) for row in rows])
     depths = np.array([_FIRST_M if row.depth_m is None else row.depth_m for row in rows])
     twists = Rotation.from_rotvec(np.outer([row.twist_rad for row in rows], [0.0, 0.0, 1.0]))
-    down = np.column_stack([starts, touch_m - depths, turns.as_quat()])
-    along = np.column_stack([starts + ways, touch_m - depths, (twists * turns).as_quat()])
+    down = np.column_stack([at, touch_m - depths, turns.as_quat()])
+    along = np.column_stack([at + ways, touch_m - depths, (twists * turns).as_quat()])
     return np.stack([down] if np.array_equal(down, along) else [down, along])
 
 
@@ -256,10 +256,8 @@ def make_shard(shard: Shard, device: str) -> Made:
     arrays, took_s = compute_shard(shard.rows, shard.simulation, device=device)
     started = time.monotonic()
     _optics, frame = drawn_with(shard.rows[0].sensor, shard.simulation)
-    columns = [
-        _columns(*each, arrays, frame)
-        for each in enumerate(zip(shard.rows, shard.hashes, strict=True))
-    ]
+    presses = enumerate(zip(shard.rows, shard.hashes, strict=True))
+    columns = [_columns(*each, arrays, frame) for each in presses]
     table = {name: [row[name] for row in columns] for name in columns[0]}
     made: dict[str, Any] = {name: pa.array(values) for name, values in table.items()}
     fields = [pa.field(name, values.type) for name, values in made.items()]
