@@ -54,6 +54,7 @@ _SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as
 # Of a contact that nobody has labelled:
 _SMOOTHING_PX = 2.0
 _RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball
+_FOUND_PX = 0.02  # to which it is found
 _FAINTEST_LEVELS = 4.0
 _STRONG_QUANTILE = 0.97  # of the changes, where a search for the contact starts
 _LEAST_EXPLAINED = 0.3  # of the changes' variance
@@ -446,6 +447,7 @@ class _ContactChange:
                 lambda place: -self.explained(_circle(place)),
                 [*self.start, share * ball_radius_m / scale],
                 method="Nelder-Mead",
+                options={"xatol": _FOUND_PX},
             )
             for share in _RADII
         ]

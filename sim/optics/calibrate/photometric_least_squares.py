@@ -63,6 +63,10 @@ class PhotometricSamples:
         shown = zip(self.shares, self.surface, strict=True)
         return np.asarray(sum(share * values(points) for share, points in shown if share))
 
+    def thinned(self, step: int) -> PhotometricSamples:
+        """Return every so many of the samples."""
+        return replace(self, **{name: getattr(self, name)[..., ::step] for name in _BY_SAMPLE})
+
 
 _BY_SAMPLE = ("surface", "position", "change", "weights")
 
@@ -137,6 +141,7 @@ _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 # Light of lamps that graze the gel falls off so fast that a smaller part tells as much.
 _WIDE, _WIDE_GRAZED, _HELD = 0.5, 0.3, 300.0
 _GROUPS = 6
+_RESPONSE_SAMPLES = 6000
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
 BRIGHT_QUANTILE = 0.999
 _CLEARLY = 0.98  # of the misfit without a shoulder: noise alone is to bend no response
@@ -223,11 +228,13 @@ def fit_response(
     ``presses_of`` gives the light of each press's samples as it is through a response. A response
     that bends only above the ``brightest`` level is a linear one.
     """
+    known = np.concatenate(features, axis=1)
+    step = max(1, known.shape[1] // _RESPONSE_SAMPLES)
+    known = known[:, ::step]
 
     def misfit(knee: float) -> float:
-        presses = presses_of(Response(knee=knee))
-        parts = [NormalEquations.of(*pair) for pair in zip(features, presses, strict=True)]
-        total = NormalEquations.total(parts)
+        seen = joined(presses_of(Response(knee=knee))).thinned(step)
+        total = NormalEquations.of(known, seen)
         return total.misfit(total.solved(RIDGE)) / total.known_count
 
     linear = misfit(_KNEES[-1])
@@ -275,7 +282,7 @@ def fit_terms(
     Without lamps to start from they are searched all around.
     """
     step = max(1, samples.change.shape[1] // _SAMPLES)
-    few = replace(samples, **{name: getattr(samples, name)[..., ::step] for name in _BY_SAMPLE})
+    few = samples.thinned(step)
     search = _Search(few, aspect=aspect, crease_limit=float(np.abs(samples.surface[0, 3]).max()))
     if start is None:
         begin = search.all_around(lamp_count)

@@ -43,7 +43,7 @@ _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
-_BLUR_TURNS = 4
+_BLUR_TURNS = 5
 _SETTLED_PX = 0.05
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
@@ -165,9 +165,11 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
     for each in found.placed(presses):
         pressed = PressSamples(scene, each, blur_px=found.blur_px)
         seen.append(pressed.through(model.response, model))
-        gel = scene.pressed_image(each.circle).astype(np.float32)
+        gel = scene.pressed_image(each.circle).astype(np.float32)[None]
         shares = (
-            _blurred(lost_share(gel[2], gel[:2], lamp, shadows, scene.geometry), found.blur_px)
+            _blurred(
+                lost_share(gel[:, 2], gel[:, :2], lamp, shadows, scene.geometry)[0], found.blur_px
+            )
             for lamp in shadows.lamps
         )
         lost = np.stack([-share[pressed.rows, pressed.columns] for share in shares])
@@ -203,7 +205,7 @@ def _fitted(
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     placed = found.placed(presses)
     lost = _LostLight([placed[i] for i in chosen.tolist()], found)
-    best, misfit = lost.best_of(start)
+    best = start if found.shadows else lost.best_of(start)
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
     best, misfit = lost.coloured(replace(best, lamps=near))
@@ -228,7 +230,7 @@ class _LostLight:
     def __init__(self, placed: Sequence[PlacedPress], found: Calibration) -> None:
         scene, model = found.scene, found.model
         self._geometry = scene.geometry.refined(1.0 / _COARSE)
-        self._dents = [_coarse_gel(scene, each.circle) for each in placed]
+        self._dents = np.stack([_coarse_gel(scene, each.circle) for each in placed])
         self._blur_px = found.blur_px / _COARSE
         pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
         self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
@@ -247,7 +249,7 @@ class _LostLight:
         f, parts = self._features, zip(light, self._weights, self._factors, strict=True)
         return np.stack([each - (inverse @ (f @ (w * each))) @ f * w for each, w, inverse in parts])
 
-    def best_of(self, start: ShadowCaster) -> tuple[ShadowCaster, float]:
+    def best_of(self, start: ShadowCaster) -> ShadowCaster:
         """Return as many lamps as are named that explain most, of these and of others all around.
 
         A search from lamps that are far off would end with two of them at the same shadow.
@@ -263,7 +265,7 @@ class _LostLight:
         choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
         misfits = [_colours(normal[:, each][:, :, each], load[:, each])[1] for each in choices]
         best = choices[int(np.argmin(misfits))]
-        return self.coloured(replace(start, lamps=[lamps[index] for index in best]))
+        return replace(start, lamps=[lamps[index] for index in best])
 
     def coloured(self, shadows: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Give lamps the colours that explain best what is left over; return the misfit too."""
@@ -280,9 +282,8 @@ class _LostLight:
         key = (*place, shadows.spread, shadows.softness_m)
         found = self._known.pop(key, None)
         if found is None:
-            shares = (
-                lost_share(gel[2], gel[:2], lamp, shadows, self._geometry) for gel in self._dents
-            )
+            gel = self._dents
+            shares = lost_share(gel[:, 2], gel[:, :2], lamp, shadows, self._geometry)
             pairs = zip(shares, self._places, strict=True)
             seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
             found = self._beside(self._weights * np.concatenate(seen))
@@ -380,19 +381,23 @@ def calibrate_presses(
 
 
 def with_blur(presses: Sequence[BallPress], found: Calibration) -> Calibration:
-    """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it."""
+    """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it.
+
+    The search starts at the blur that is known.
+    """
     placed, sharp = lit_presses(presses, found), replace(found, blur_px=0.0)
-    found = replace(found, blur_px=fit_blur(placed, found))
     for _ in range(_BLUR_TURNS):
         blur_px = found.blur_px
-        if blur_px == 0.0:
-            return sharp  # colours fitted to a blur that is none after all would be off
-        # The colours once more, to the gel as the blur shows it: or they take a part of it.
-        found = replace(found, model=fit_model(placed, found.scene, found.model, blur_px=blur_px))
+        if blur_px > 0.0:
+            # The colours once more, to the gel as the blur shows it: or they take a part of it.
+            model = fit_model(placed, found.scene, found.model, blur_px=blur_px)
+            found = replace(found, model=model)
         found = replace(found, blur_px=fit_blur(placed, found))
+        if found.blur_px == 0.0:
+            return sharp  # colours fitted to a blur that is none after all would be off
         if abs(found.blur_px - blur_px) < _SETTLED_PX:
             break
-    return found if found.blur_px > 0.0 else sharp
+    return found
 
 
 def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:

@@ -158,14 +158,15 @@ def lose_light(
     lanes: wp.int32,
     # Data in:
     hidden: wp.array(dtype=wp.float32),
-    tilt: wp.array3d(dtype=wp.float32),
+    tilt: wp.array4d(dtype=wp.float32),
     # Data out:
-    lost_out: wp.array2d(dtype=wp.float32),
+    lost_out: wp.array3d(dtype=wp.float32),
 ):
-    """Find what of a lamp's light the pixels of one image do not get."""
-    row, column = wp.tid()
-    p, q = tilt[0, row, column], tilt[1, row, column]
-    lost_out[row, column] = lost_light(rays, hidden, 0, row, column, p, q, lanes)
+    """Find what of a lamp's light the pixels of images do not get."""
+    image, row, column = wp.tid()
+    p, q = tilt[image, 0, row, column], tilt[image, 1, row, column]
+    before = image * rays.starts.shape[0]
+    lost_out[image, row, column] = lost_light(rays, hidden, before, row, column, p, q, lanes)
 
 
 @wp.kernel(enable_backward=False, module="unique")

@@ -110,7 +110,7 @@ def darkening(
     """Return the light taken away [grey levels, not positive], shape [3, height, width]."""
     taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
     for lamp in shadows.lamps:
-        share = lost_share(indentation_m, tilt, lamp, shadows, geometry)
+        share = lost_share(indentation_m[None], tilt[None], lamp, shadows, geometry)[0]
         taken -= np.array(lamp.colour, dtype=np.float32)[:, None, None] * share
     return taken
 
@@ -122,12 +122,17 @@ def lost_share(
     shadows: ShadowCaster,
     geometry: CameraGeometry,
 ) -> Float32Array:
-    """Return the share of a lamp's light that a dent takes away, shape [height, width]."""
+    """Return the share of a lamp's light that dents take away, shape [count, height, width].
+
+    Args:
+        bulge: Of each dent [m], shape [count, height, width].
+        tilt: Shape [count, 2, height, width].
+    """
     device = Device("cpu")
-    dent = device.array(bulge[None], wp.float32)
+    dent = device.array(bulge, wp.float32)
     hidden = HiddenLamp(lamp, shadows, geometry, dent, CPU_LANES)
     for kernel, count, inner, inputs in hidden.stages:
-        device.launch(kernel, (1, count, *inner), [hidden.rays, 0, *inputs], [])
+        device.launch(kernel, (len(bulge), count, *inner), [hidden.rays, 0, *inputs], [])
     lost = device.empty(bulge.shape, wp.float32)
     inputs = [hidden.rays, CPU_LANES, hidden.hidden.single[0], device.array(tilt, wp.float32)]
     device.launch(lose_light, bulge.shape, inputs, [lost])

@@ -224,7 +224,7 @@ def _images(request: OpticsRequest, folder: Path, background: ImageArray) -> dic
 
 # Processor seconds of the simulated presses, of finding a contact, and, a press, of a fit with
 # shadows and without.
-_PRESSES_S, _FIND_S, _FIT_S = 5.0, 0.3, {True: 0.9, False: 0.3}
+_PRESSES_S, _FIND_S, _FIT_S = 6.5, 0.15, {True: 0.85, False: 0.22}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
