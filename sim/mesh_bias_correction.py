@@ -13,7 +13,7 @@ meshes are not nested, and the barrier's width is bounded.
 
 from dataclasses import asdict, dataclass, replace
 
-from sim.effects.depth_and_inertia_scales import expected_depth, has_several_equilibria
+from sim.effects.depth_and_inertia_scales import expected_depth
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import PressOutputs
 from sim.scene.indenter import Cylinder, MeshIndenter, Sphere
@@ -152,8 +152,6 @@ def correction(
     rule = rules_of(scene).get(scene.refinement) if scene.preset is Preset.FAST else None
     force, depth = float(found.force_n[2]), found.depth_m
     if way is None or rule is None or depth > _DEEPEST_SHARE * scene.pad.height_m:
-        return None
-    if has_several_equilibria(scene):  # none was drawn
         return None
     if not force > 0.0 or not found.stiffness_n_m > 0.0:
         return None

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from sim.contact.surface_and_grip import Grip, State
-from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
+from sim.effects.depth_and_inertia_scales import expected_depth, most_force
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import build_model
 from sim.effects.press_outputs import PressOutputs, outputs_of
@@ -219,8 +219,9 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 _NEAR_TETS, _NEAR_POINTS = 12, 4
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
-# What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
-_AT_REST = 1e-4
+# What a gel remembers of its whole way, so that no end state of another mesh would do. Inertia also
+# chooses among the folds under a deep sharp rim; an end carried over may lie in another one.
+_MEMORIES = (Effect.INERTIA, Effect.VISCOELASTICITY)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,17 +237,12 @@ class EndState:
 
 
 def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
-    """Return whether the load steps use another mesh than the end state.
-
-    It does not where a gel remembers its whole way.
-    """
-    ends_moving = plan.is_on(Effect.INERTIA) and (inertia_error(scene) or 1.0) > _AT_REST
+    """Return whether the load steps use another mesh than the end state."""
     return (
         scene.path_refinement is not None
         and scene.contact is not ContactMode.BONDED
         and plan.is_on(Effect.LOCKING_FREE_ELEMENT)
-        and not plan.is_on(Effect.VISCOELASTICITY)
-        and not ends_moving
+        and not any(plan.is_on(effect) for effect in _MEMORIES)
     )
 
 
