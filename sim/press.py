@@ -8,18 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from sim.cheapest_setting import alternatives, setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import end_state
-from sim.error_estimate import (
-    NOT_ASKED,
-    ErrorEstimate,
-    alternatives,
-    estimated,
-    guaranteed,
-    setting_of,
-)
+from sim.error_estimate import NOT_ASKED, ErrorEstimate, estimated, guaranteed
 from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.pressure_and_shear import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress

@@ -4,8 +4,8 @@ import shlex
 from dataclasses import replace
 from typing import Any
 
+from sim.cheapest_setting import keeping_corrected
 from sim.effects.depth_and_inertia_scales import expected_force
-from sim.error_estimate import Tolerance, keeping_corrected, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import (
@@ -28,6 +28,7 @@ from sim.scene.scene_parsing import (
     parse_switch,
 )
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, unknown

@@ -11,21 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from sim.cheapest_setting import alternatives, corrected_scene, setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, end_state, path_for
-from sim.error_estimate import (
-    ErrorEstimate,
-    Tolerance,
-    alternatives,
-    coarse_reference,
-    corrected_scene,
-    estimate_from,
-    estimated,
-    failed,
-    setting_of,
-)
+from sim.error_estimate import ErrorEstimate, coarse_reference, estimate_from, estimated, failed
 from sim.fields.npz_and_vtu import IntermediateStates, TrialFields, intermediate_state, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
@@ -36,6 +27,7 @@ from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.time_limits import time_limit

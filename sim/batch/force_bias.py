@@ -17,7 +17,7 @@ from scipy.stats.qmc import Sobol
 
 from sim.batch.batch import Batch
 from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
-from sim.error_estimate import Tolerance, keeping_corrected
+from sim.cheapest_setting import keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
 from sim.scene.pad import BoxPad
@@ -25,6 +25,7 @@ from sim.scene.scene import ContactMode, Effect, Motion, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
 from sim.tilt_sensitivity import kept
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

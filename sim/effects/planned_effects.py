@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sim.effects import depth_and_inertia_scales as estimates
-from sim.effects.mesh_choice import mirrors
+from sim.effects.symmetry_planes import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene

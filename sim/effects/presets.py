@@ -10,10 +10,10 @@ from sim.effects.mesh_choice import (
     contact_reach,
     footprint_mesh,
     mesh_choice,
-    mirrors,
     wild_sizing,
 )
 from sim.effects.planned_effects import EffectPlan, full_plan
+from sim.effects.symmetry_planes import mirrors
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series

@@ -4,27 +4,18 @@ from dataclasses import replace
 
 import pytest
 
+from sim.cheapest_setting import RELATIVE_COSTS, alternatives, keeping, setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import PressOutputs
 from sim.effects.press_with_effects import CoarsePress, coarse_press
-from sim.error_estimate import (
-    NOT_ASKED,
-    RELATIVE_COSTS,
-    Tolerance,
-    alternatives,
-    estimate_from,
-    estimated,
-    failed,
-    keeping,
-    parse_tolerance,
-    setting_of,
-)
+from sim.error_estimate import NOT_ASKED, estimate_from, estimated, failed
 from sim.mesh_bias_correction import Setting
 from sim.press import press
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
+from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, TimeLimitError
 
 SCENE = scene_from(

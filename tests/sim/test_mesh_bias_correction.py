@@ -4,16 +4,18 @@ from dataclasses import replace
 
 import pytest
 
+from sim.cheapest_setting import alternatives, keeping_corrected
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_outputs import PressOutputs
 from sim.effects.press_with_effects import coarse_press
-from sim.error_estimate import Tolerance, alternatives, guaranteed, keeping_corrected
+from sim.error_estimate import guaranteed
 from sim.mesh_bias_correction import WAY, corrected_settings, correction, rules_of
 from sim.press import press
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Plane
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import ConfigError
 
 SCENE = replace(

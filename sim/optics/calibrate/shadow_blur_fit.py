@@ -26,7 +26,7 @@ from sim.optics.calibrate.photometric_least_squares import (
     lowest_place,
 )
 from sim.optics.markers.marker_tracking import find_markers
-from sim.optics.render.shadows import darkening, lost_share
+from sim.optics.render.lamp_rays import darkening, lost_share
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
 from tacauchy_rig.core.errors import ConfigError

@@ -19,7 +19,7 @@ from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels import blur_and_exposure_kernel as kernels
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.shadow_kernel import darken_pixels
-from sim.optics.render.shadows import HiddenLamp
+from sim.optics.render.lamp_rays import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor

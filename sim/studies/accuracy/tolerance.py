@@ -10,15 +10,17 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
-from sim import error_estimate as accuracy
+from sim import cheapest_setting
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import coarse_press, end_state, follow, path_for
+from sim.error_estimate import estimated
 from sim.mesh_bias_correction import Corrected, Setting, correction
 from sim.press_arguments import scene_from
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies import from_file
 from sim.studies.accuracy.reference_errors import COARSENING, Limit, extrapolated
+from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.markdown_page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
@@ -39,11 +41,11 @@ class HeldOut(NamedTuple):
 
     name: str
     scene: Scene
-    tolerance: accuracy.Tolerance
+    tolerance: Tolerance
 
 
 def _held_out(name: str, press: str, tolerance: str) -> HeldOut:
-    return HeldOut(name, scene_from(press), accuracy.parse_tolerance(tolerance, field="tolerance"))
+    return HeldOut(name, scene_from(press), parse_tolerance(tolerance, field="tolerance"))
 
 
 SEEN_BEFORE, HELD_OUT = (
@@ -109,7 +111,7 @@ def check_tolerance(asked: HeldOut) -> Row:
     row |= {"scene": asked.name, "tolerance": str(asked.tolerance)}
     started = time.process_time()
     try:
-        scene = accuracy.keeping_corrected(asked.scene, asked.tolerance)
+        scene = cheapest_setting.keeping_corrected(asked.scene, asked.tolerance)
     except ConfigError as refused:
         return row | {"settings chosen": "refused", "kept": "no", "refusal": refused.message}
     choosing = time.process_time() - started
@@ -121,14 +123,18 @@ def check_tolerance(asked: HeldOut) -> Row:
     @cache
     def trial(setting: Setting) -> tuple[Setting, float, float]:
         """Return a setting, its relative error, and its processor time [s]."""
-        own = setting == accuracy.setting_of(scene)
+        own = setting == cheapest_setting.setting_of(scene)
         tried = scene if own else _everything_on(setting.applied(scene))
         force, spent = pressed(tried, depth)
         return setting, force / limit.value - 1.0, spent
 
-    setting, error, spent = trial(accuracy.setting_of(scene))
+    setting, error, spent = trial(cheapest_setting.setting_of(scene))
     # Preset paper is left out: its error is 70 % or more.
-    trials = (trial(other) for other in accuracy.RELATIVE_COSTS if other.preset is not Preset.PAPER)
+    trials = (
+        trial(other)
+        for other in cheapest_setting.RELATIVE_COSTS
+        if other.preset is not Preset.PAPER
+    )
     cheapest = next((found for found in trials if abs(found[1]) <= allowed), None)
     if cheapest is not None:
         row |= {
@@ -172,14 +178,14 @@ def _believed(scene: Scene, depth_m: float) -> float:
         return 0.0 if known is None else known.error_relative
     held = replace(scene, target=Target(depth_m=depth_m))
     plan = plan_effects(held)
-    return accuracy.estimated(held, plan, coarse_press(held, plan, 1.0).outputs).force or 0.0
+    return estimated(held, plan, coarse_press(held, plan, 1.0).outputs).force or 0.0
 
 
 def judged_depth(scene: Scene) -> float:
     """Return the depth of a scene's target, for a force with preset fast [m]."""
     if scene.target.depth_m is not None:
         return scene.target.depth_m
-    fast = accuracy.FAST.applied(scene)
+    fast = cheapest_setting.FAST.applied(scene)
     plan = plan_effects(fast)
     return follow(fast, path_for(fast, plan)).depth_m
 

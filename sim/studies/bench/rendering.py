@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from sim.cheapest_setting import keeping, setting_of
 from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate import Tolerance, keeping, setting_of
 from sim.fields.npz_and_vtu import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
@@ -25,6 +25,7 @@ from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.path_point import PathPoint
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.markdown_page import table_prose

@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
-from sim.error_estimate import parse_tolerance
 from sim.mesh_bias_correction import Corrected
 from sim.studies import from_file
+from sim.tolerance import parse_tolerance
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.markdown_page import table_prose
 from tacauchy_rig.core.plot_style import BLUE, COLUMN_IN, GREEN, ORANGE, PURPLE, SKY

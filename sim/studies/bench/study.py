@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.error_estimate import Tolerance, parse_tolerance
 from sim.press_arguments import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench import Part, rendering, scenes, sensor_batches
 from sim.studies.bench.timed_press import press_reference, press_scene
+from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchForces, BatchOptions
 from sim.batch.sensor_model import sensor_model
+from sim.cheapest_setting import keeping, keeping_corrected
 from sim.effects.effect_choice import PRESET_TOLERANCE, plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import carried_over, has_own_way, path_for, way_of
-from sim.error_estimate import keeping, keeping_corrected, parse_tolerance
 from sim.fields.stress import StressProjection
 from sim.mesh_bias_correction import correction
 from sim.optics.surface_images import SurfaceImages
@@ -32,6 +32,7 @@ from sim.solve.loading_path import Hold, LoadingPath, touch_height
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
+from sim.tolerance import parse_tolerance
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 

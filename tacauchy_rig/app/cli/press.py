@@ -133,9 +133,10 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
+    from sim.cheapest_setting import alternatives, costs_of, setting_of
     from sim.effects.effect_choice import plan_effects
     from sim.effects.mesh_choice import mesh_choice
-    from sim.error_estimate import alternatives, costs_of, guaranteed, setting_of
+    from sim.error_estimate import guaranteed
     from sim.press_arguments import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))

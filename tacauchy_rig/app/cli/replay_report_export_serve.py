@@ -17,7 +17,7 @@ from tacauchy_rig.core.errors import AbortedError, command_line
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
     from reports.evidence.frames_and_curves import RunReading
-    from sim.error_estimate import Tolerance
+    from sim.tolerance import Tolerance
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run_check import RunCheck
@@ -46,7 +46,7 @@ def replay(
     from tacauchy_rig.core.time_limits import doing
 
     with doing("checking the recordings"):  # and loading the program, on a busy computer
-        from sim.error_estimate import parse_tolerance
+        from sim.tolerance import parse_tolerance
         from tacauchy_rig.app.cli.emulated_calibration import (
             begin_calibration,
             emulated_calibration,

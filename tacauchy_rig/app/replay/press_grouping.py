@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reports.evidence.frames_and_curves import AttemptReading, RunReading
-from sim.error_estimate import Tolerance
 from sim.scene.indenter import describe
+from sim.tolerance import Tolerance
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line

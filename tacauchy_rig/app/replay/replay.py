@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from reports.evidence.frames_and_curves import RunReading
-from sim.error_estimate import Tolerance
+from sim.tolerance import Tolerance
 from tacauchy_rig.app.replay.chosen_optics import (
     Calibrate,
     OpticalCalibration,

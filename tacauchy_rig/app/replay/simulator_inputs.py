@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeVar
 
+from sim.cheapest_setting import keeping, setting_of
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_estimate import Tolerance, keeping, parse_tolerance, setting_of
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Output, Preset, Scene, Target
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.app.replay.chosen_optics import calibrated_optics
 from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError

@@ -20,8 +20,8 @@ from sim.optics.calibrate.shadow_blur_fit import (
 )
 from sim.optics.colour.colour_model import Response
 from sim.optics.colour.nominal_optics import exponents_for
+from sim.optics.render.lamp_rays import darkening
 from sim.optics.render.renderer import TactileRenderer
-from sim.optics.render.shadows import darkening
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError

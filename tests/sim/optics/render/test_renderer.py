@@ -16,8 +16,8 @@ from sim.optics.colour.colour_model import PixelColours, SampleColours
 from sim.optics.colour.nominal_optics import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
+from sim.optics.render.lamp_rays import darkening
 from sim.optics.render.renderer import TactileRenderer
-from sim.optics.render.shadows import darkening
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.errors import ConfigError

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.error_estimate import Tolerance, keeping, keeping_corrected
+from sim.cheapest_setting import keeping, keeping_corrected
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import WAY
 from sim.optics.height.height_map import HeightMaps
@@ -46,6 +46,7 @@ from sim.studies.accuracy.tolerance import (
     pressed,
     tolerance_table,
 )
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.study import About, Result
 from tacauchy_rig.core.tables import Table

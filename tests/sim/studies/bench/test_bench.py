@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.error_estimate import Tolerance
 from sim.fields.npz_and_vtu import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
@@ -23,6 +22,7 @@ from sim.studies.bench.rendering import (
 )
 from sim.studies.bench.scenes import Manner
 from sim.studies.bench.study import Bench
+from sim.tolerance import Tolerance
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.study import About, Result

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from sim.effects.effect_choice import PRESET_TOLERANCE
-from sim.error_estimate import Tolerance
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
 from sim.optics.colour.nominal_optics import nominal_photometric
@@ -20,6 +19,7 @@ from sim.scene.scene import ContactMode, Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import Lamp
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.tolerance import Tolerance
 from tacauchy_rig.app.replay.chosen_optics import (
     VIEWED,
     OpticalCalibration,
