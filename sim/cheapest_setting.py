@@ -1,8 +1,7 @@
 """The cheapest settings that keep a tolerance: preset, edge length and effects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from functools import partial
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import full_plan
@@ -14,11 +13,7 @@ from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import ConfigError, RigError, TimeLimitError
 from tacauchy_rig.core.simulated import Alternative
 
-
-def _fast(refinement: float) -> Setting:
-    return Setting(Preset.FAST, refinement)
-
-
+_fast = partial(Setting, Preset.FAST)
 FAST = _fast(1.0)
 # Medians over 18 presses of punches and balls, 3 depths each up to 25 % of the pad, against the
 # limit of finer meshes; by cost. Edges 1.08 times shorter: over the benchmark's scenes, against

@@ -152,9 +152,18 @@ def press(
             error = estimated(scene, plan, found, way=end.way)
             wall["estimate"] = time.perf_counter() - started
         corrected = correction(scene, plan, found, end.way)
-        result = measure(
-            scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected
-        )
+        try:
+            result = measure(
+                scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected
+            )
+        except ConvergenceError:
+            if end.way is None:
+                raise
+            # Load steps on its own mesh may end in a fold that contradicts nothing.
+            own = replace(scene, path_refinement=None)
+            return press(
+                own, device=device, estimate_error=estimate_error, keeps_states=keeps_states
+            )
         return replace(result, way=end.way_path or path) if keeps_states else result
 
 

@@ -27,11 +27,9 @@ class Tolerance:
         return self.force_n / force_n if force_n > 0.0 else float("inf")
 
     def __str__(self) -> str:
-        return (
-            f"{1e2 * (self.relative or 0.0):g}% of F_z"
-            if self.force_n is None
-            else f"{self.force_n:g} N"
-        )
+        if self.force_n is None:
+            return f"{1e2 * (self.relative or 0.0):g}% of F_z"
+        return f"{self.force_n:g} N"
 
 
 def parse_tolerance(text: str, *, field: str) -> Tolerance:

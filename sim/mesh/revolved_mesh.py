@@ -155,15 +155,11 @@ def _offset_curve(
     length = 2.0 * quarter + straight
     count = max(3, round(length / size_m))
     at = (np.arange(count) + start) / count * length
-    angle = (
-        np.pi
-        + np.where(at < quarter, at, np.where(at < quarter + straight, quarter, at - straight))
-        / distance_m
-    )
+    bent = np.where(at < quarter, at, np.where(at < quarter + straight, quarter, at - straight))
+    angle = np.pi + bent / distance_m
     along = np.clip(at - quarter, 0.0, straight) + grading.start_m
-    return np.column_stack(
-        [along + distance_m * np.cos(angle), height_m + distance_m * np.sin(angle)]
-    )
+    across, up = distance_m * np.cos(angle), distance_m * np.sin(angle)
+    return np.column_stack([along + across, height_m + up])
 
 
 # Rings stay circles up to so many radii of the fine stretch; farther out they take the pad's shape.
