@@ -5,10 +5,10 @@ On a mesh whose edges follow the contact's size the bias of F_z is
 
     bias = share + slope u,    u = min(nu / (1 - 2 nu), 12)
 
-under any body. ``share`` and ``slope`` were fitted to drawn scenes against preset reference, for
-each refinement of the end state's mesh. What may remain is a share of the bias. Richardson
-extrapolation (1911) from the coarser load-step mesh did not improve scenes that were left out: the
-meshes are not nested, and the barrier's width is bounded.
+under any body, except for short edges on meshes that are finer at the contact's edge. ``share`` and
+``slope`` were fitted to drawn scenes, for each refinement of the end state's mesh. What may remain
+is a share of the bias. Richardson extrapolation (1911) from the coarser load-step mesh did not
+improve scenes left out: the meshes are not nested, and the barrier's width is bounded.
 """
 
 from dataclasses import asdict, dataclass, replace
