@@ -74,7 +74,7 @@ class BiasRule:
         """Return the bias of a scene."""
         poisson = max(material.poisson for material in scene.materials)
         locking = self.slope * min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
-        height, depth = scene.pad.height_m, expected_depth(scene)
+        pad, height, depth = scene.pad, scene.pad.height_m, expected_depth(scene)
         factor = 1.0
         if isinstance(scene.indenter, Sphere):
             slides = any((*scene.motion.shift_m, scene.motion.twist_rad))
@@ -82,9 +82,9 @@ class BiasRule:
                 locking *= 1.0 + _STICKING * scene.friction * depth / height
             if contact_radius(scene, depth) > _WIDE_SHARE * height:
                 factor *= self.wide_ball
-        aside = float(scene.pad.distance_to_outline(np.array([contact_centre(scene)]))[0])
-        if aside < _BESIDE_SHARE * height and mesh_choice(scene)[0] is MeshKind.REVOLVED:
-            factor *= _BESIDE
+        if mesh_choice(scene)[0] is MeshKind.REVOLVED and not isinstance(pad, SurfacePad):
+            to_side = pad.distance_to_outline(np.array([contact_centre(scene)]))
+            factor *= _BESIDE if to_side[0] < _BESIDE_SHARE * height else 1.0
         return factor * (self.share + locking)
 
     def rest(self, scene: Scene) -> float:
@@ -93,16 +93,20 @@ class BiasRule:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to
-# about 100 drawn scenes of seeds 20261501 and 20261502; 0.6 to bodies of triangles.
+# about 100 drawn scenes of seeds 20261501 and 20261502.
 _RULES: dict[float, BiasRule] = {
-    0.6: BiasRule(share=0.04, slope=0.0022, least_rest=0.04, time_ratio=0.15),
     1.0: BiasRule(share=0.0175, slope=0.0022, least_rest=0.015, time_ratio=0.45, wide_ball=0.7),
     1.4: BiasRule(share=0.006, slope=0.0007, least_rest=0.005, time_ratio=0.6),
     1.6: BiasRule(share=0.0045, slope=0.0006, least_rest=0.005, time_ratio=0.8),
     2.2: BiasRule(share=0.0, slope=0.0005, least_rest=0.0095, time_ratio=3.1),
 }
 # A sharp rim, and meshes around a footprint, are finer still at the contact's edge; eleven scenes.
-_AT_EDGES = {1.6: BiasRule(share=0.003, slope=0.0, least_rest=0.0095, time_ratio=1.0)}
+# Edges of 1/0.6: 21 bodies of triangles.
+_AT_EDGES = {
+    0.6: BiasRule(share=0.04, slope=0.0022, least_rest=0.04, time_ratio=0.15),
+    1.0: _RULES[1.0],
+    1.6: BiasRule(share=0.003, slope=0.0, least_rest=0.0095, time_ratio=1.0),
+}
 # Of the bias.
 _REST = 0.55
 _MOST_INCOMPRESSIBLE = 18.0
@@ -140,11 +144,9 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     is_finer = is_mesh or scene.has_sharp_rim or kind is MeshKind.FOOTPRINT
     left_out = set() if is_mesh and not scene.layers else {0.6}
     is_ball = isinstance(scene.indenter, Sphere)
-    if is_finer or not is_ball or scene.contact is ContactMode.FRICTION:  # punches vary more there
+    if not is_ball or scene.contact is ContactMode.FRICTION:  # punches vary more there
         left_out.add(1.4)
-    if is_finer:
-        left_out.add(2.2)
-    rules = _RULES | _AT_EDGES if is_finer else _RULES
+    rules = _AT_EDGES if is_finer else _RULES
     return {edges: rule for edges, rule in rules.items() if edges not in left_out}
 
 
