@@ -6,7 +6,7 @@ On a mesh whose edges follow the contact's size the bias of F_z is
     bias = share + slope u,    u = min(nu / (1 - 2 nu), 18)
 
 under any body. A ball that sticks holds the volume under it and multiplies u; a revolved mesh is
-distorted between the contact and a near side of the pad, which multiplies the bias. ``share`` and
+distorted between the contact and a near side of the pad, which adds to the share. ``share`` and
 ``slope`` were fitted to drawn scenes, for each refinement of the end state's mesh. What may remain
 is a share of the bias. Richardson extrapolation (1911) from the coarser load-step mesh did not
 improve scenes left out: the meshes are not nested, and the barrier's width is bounded.
@@ -68,6 +68,7 @@ class BiasRule:
     slope: float  # for one of u
     time_ratio: float  # processor time of a press over that of preset fast's, a median
     least_rest: float  # what may remain in any scene
+    beside: float = 0.0  # more for a contact centred near the pad's outline
     wide_ball: float = 1.0  # of the bias: under a ball whose contact is wide against the height
 
     def bias(self, scene: Scene) -> float:
@@ -75,17 +76,17 @@ class BiasRule:
         poisson = max(material.poisson for material in scene.materials)
         locking = self.slope * min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
         pad, height, depth = scene.pad, scene.pad.height_m, expected_depth(scene)
-        factor = 1.0
+        share, factor = self.share, 1.0
         if isinstance(scene.indenter, Sphere):
             slides = any((*scene.motion.shift_m, scene.motion.twist_rad))
             if scene.contact is ContactMode.FRICTION and not slides:
                 locking *= 1.0 + _STICKING * scene.friction * depth / height
             if contact_radius(scene, depth) > _WIDE_SHARE * height:
-                factor *= self.wide_ball
+                factor = self.wide_ball
         if mesh_choice(scene)[0] is MeshKind.REVOLVED and not isinstance(pad, SurfacePad):
             to_side = pad.distance_to_outline(np.array([contact_centre(scene)]))
-            factor *= _BESIDE if to_side[0] < _BESIDE_SHARE * height else 1.0
-        return factor * (self.share + locking)
+            share += self.beside if to_side[0] < _BESIDE_SHARE * height else 0.0
+        return factor * (share + locking)
 
     def rest(self, scene: Scene) -> float:
         """Return what may remain of a scene's bias."""
@@ -95,9 +96,11 @@ class BiasRule:
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to
 # about 100 drawn scenes of seeds 20261501 and 20261502.
 _RULES: dict[float, BiasRule] = {
-    1.0: BiasRule(share=0.0175, slope=0.0022, least_rest=0.015, time_ratio=0.45, wide_ball=0.7),
-    1.4: BiasRule(share=0.006, slope=0.0007, least_rest=0.005, time_ratio=0.6),
-    1.6: BiasRule(share=0.0045, slope=0.0006, least_rest=0.005, time_ratio=0.8),
+    1.0: BiasRule(
+        share=0.0175, slope=0.0022, least_rest=0.015, time_ratio=0.45, beside=0.012, wide_ball=0.7
+    ),
+    1.4: BiasRule(share=0.006, slope=0.0007, least_rest=0.005, time_ratio=0.6, beside=0.009),
+    1.6: BiasRule(share=0.0045, slope=0.0006, least_rest=0.005, time_ratio=0.8, beside=0.0025),
     2.2: BiasRule(share=0.0, slope=0.0005, least_rest=0.0095, time_ratio=3.1),
 }
 # A sharp rim, and meshes around a footprint, are finer still at the contact's edge; eleven scenes.
@@ -114,8 +117,8 @@ _MOST_INCOMPRESSIBLE = 18.0
 _STICKING = 4.0
 # Contact radius over the pad's height, from which a ball's contact is wide.
 _WIDE_SHARE = 0.45
-# Of the bias of a contact that is centred nearer to the pad's outline than a share of the height.
-_BESIDE, _BESIDE_SHARE = 1.4, 1.25
+# Distance to the pad's outline over its height, below which a contact is near it.
+_BESIDE_SHARE = 1.25
 # Of the pad's height: deeper presses were not among those that were drawn.
 _DEEPEST_SHARE = 0.45
 # E of the stiffest layer over that of the softest.

@@ -61,7 +61,8 @@ def test_what_a_bias_depends_on() -> None:
     aside = replace(SCENE, centre_m=(8.5e-3, 0.0))
     biases = [rule.bias(SCENE) for rule in rules_of(SCENE).values()]
     for rule in rules_of(SCENE).values():
-        assert rule.bias(soft) < rule.bias(SCENE) < min(rule.bias(stuck), rule.bias(aside))
+        assert rule.bias(soft) < rule.bias(SCENE) < rule.bias(stuck)
+        assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
     assert biases == sorted(biases, reverse=True)
 
 
