@@ -115,10 +115,8 @@ _REST = 0.55
 _MOST_INCOMPRESSIBLE = 18.0
 # For one of the friction coefficient times depth over height.
 _STICKING = 4.0
-# Contact radius over the pad's height, from which a ball's contact is wide.
-_WIDE_SHARE = 0.45
-# Distance to the pad's outline over its height, below which a contact is near it.
-_BESIDE_SHARE = 1.25
+# Of the pad's height: a ball's contact radius from which it is wide, and how near the outline is.
+_WIDE_SHARE, _BESIDE_SHARE = 0.45, 1.25
 # Of the pad's height: deeper presses were not among those that were drawn.
 _DEEPEST_SHARE = 0.45
 # E of the stiffest layer over that of the softest.
