@@ -73,11 +73,14 @@ def contact_reach(scene: Scene) -> float:
 
 
 def contact_centre(scene: Scene) -> tuple[float, float]:
-    """Return where a contact is centred [m]: a ball touches a dome beside the ball's axis."""
+    """Return where a contact is centred [m]: a ball that tilts rolls, and touches a dome aside."""
     pad, (x, y) = scene.pad, scene.centre_m
-    if not isinstance(scene.indenter, Sphere) or not isinstance(pad, BoxPad):
+    if not isinstance(scene.indenter, Sphere):
         return x, y
     radius = scene.indenter.radius_m
+    x, y = np.array((x, y)) + radius * tilted(*scene.motion.tilt_rad)[:2, 2]
+    if not isinstance(pad, BoxPad):
+        return x, y
     return x / (1.0 + radius / pad.dome_radius_x_m), y / (1.0 + radius / pad.dome_radius_y_m)
 
 
@@ -101,7 +104,7 @@ def _not_revolved(scene: Scene) -> str:
         share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
         if rise > share * mesh_depth(scene):
             return "the indenter is tilted so far that it touches on one side"
-    start = np.array(scene.centre_m)
+    start = np.array(contact_centre(scene))
     ways = np.stack([start, start + np.array(scene.motion.shift_m)])
     if scene.pad.distance_to_outline(ways).min() < _MARGIN_SHARE * contact_reach(scene):
         return "the indenter's edge lies beside the pad"

@@ -2,7 +2,7 @@
 
 from sim.effects.mesh_choice import MeshKind, has_brick, mesh_choice
 from sim.mesh.mirror_symmetry import MirrorSymmetry
-from sim.scene.indenter import MeshIndenter, Sphere
+from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Scene
 from sim.scene.triangle_surface import is_mirrored
 
@@ -13,7 +13,7 @@ def mirrors(scene: Scene) -> MirrorSymmetry:
     is_wild = kind is MeshKind.FOOTPRINT and not has_brick(scene)
     if kind is MeshKind.PAPER or is_wild or motion.twist_rad:
         return MirrorSymmetry()
-    about_x, about_y = (0.0, 0.0) if isinstance(indenter, Sphere) else motion.tilt_rad
+    about_x, about_y = motion.tilt_rad
     x, y = (
         not any(along)
         and (not isinstance(indenter, MeshIndenter) or is_mirrored(indenter.surface, axis))

@@ -140,7 +140,6 @@ def test_tilted_punch_touches_on_one_side() -> None:
         ({"preset": Preset.PAPER, "centre_m": (6e-3, 0.0)}, MeshKind.PAPER),
         ({"centre_m": (4e-3, 0.0)}, MeshKind.FOOTPRINT),
         ({"indenter": stl_punch()}, MeshKind.FOOTPRINT),
-        ({"motion": Motion(tilt_rad=(0.0, 0.02))}, MeshKind.REVOLVED),
         ({"motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.REVOLVED),
         ({"motion": Motion(tilt_rad=(0.0, 0.2))}, MeshKind.FOOTPRINT),
         ({"indenter": Plane(), "motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.FOOTPRINT),
@@ -164,11 +163,12 @@ def test_which_scene_gets_which_mesh(change: dict[str, object], kind: MeshKind) 
     [
         ({"indenter": stl_punch()}, 4),
         ({"indenter": stl_punch(), "motion": Motion(tilt_rad=(0.02, 0.0))}, 2),
+        ({"indenter": BALL, "motion": Motion(tilt_rad=(0.02, 0.0))}, 2),
         ({"indenter": lopsided()}, 2),
         ({"centre_m": (4e-3, 0.0)}, 2),
         ({"centre_m": (4e-3, 1e-3)}, 1),
     ],
-    ids=["round", "tilted", "lopsided", "off the pad", "off both"],
+    ids=["round", "tilted", "tilted ball", "lopsided", "off the pad", "off both"],
 )
 def test_mirrored_parts_stand_for_the_pad(change: dict[str, object], copies: int) -> None:
     """Of a box of one material: as many copies of the part as mirrors make fill the pad."""

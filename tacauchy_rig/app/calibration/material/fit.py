@@ -142,8 +142,9 @@ def _areas_at(
     scene = replace(gel, sensor=gel.sensor.with_law(node[2])).scene([1.0])
     forces = kept_forces(scene, depths_m.tolist(), refinement=_REFINEMENT)
     # The rule of that mesh was fitted without friction; against the emulator it holds with it too.
-    rule = rules_of(replace(scene, contact=ContactMode.FRICTIONLESS)).get(_REFINEMENT)
-    bias = rule.bias(scene) if rule else 0.0
+    frictionless = replace(scene, contact=ContactMode.FRICTIONLESS)
+    rule = rules_of(frictionless).get(_REFINEMENT)
+    bias = rule.bias(frictionless) if rule else 0.0
     return forces / (1.0 + bias) / inputs.sensor.material.young_pa
 
 
