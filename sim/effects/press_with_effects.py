@@ -301,6 +301,7 @@ def carried_over(
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
     moved[path.model.clamped] = 0.0
     state.positions = path.unloaded + moved
+    state.extension = last.state.extension
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     load_n = scene.target.force_n
     return path.resume(state, load_n=load_n, stiffness_n_m=last.stiffness_n_m)
