@@ -116,6 +116,7 @@ def press(
     scene: Scene,
     *,
     model: Model | None = None,
+    plan: EffectPlan | None = None,
     device: str = "cpu",
     estimate_error: bool = False,
     keeps_states: bool = False,
@@ -126,6 +127,7 @@ def press(
 
     Args:
         model: Model of the pad; None builds it from the scene.
+        plan: Effects to include; None chooses them.
         device: ``"cpu"``, or a GPU such as ``"cuda:0"``.
         estimate_error: Press again on a coarser mesh to estimate the errors of all outputs.
         keeps_states: Keep all states of the loading path, in ``way``.
@@ -142,7 +144,7 @@ def press(
     telling = told(on_progress) if on_progress else nullcontext()
     with time_limit(time_limit_s), telling, doing("press"):
         started = time.perf_counter()
-        plan = plan_effects(scene)
+        plan = plan or plan_effects(scene)
         end = end_state(scene, plan, model=model, device=device, keeps_all=keeps_states)
         path, point = end.path, end.point
         solve_s = path.counts.wall_s
@@ -161,9 +163,8 @@ def press(
                 raise
             # Load steps on its own mesh may end in a fold that contradicts nothing.
             own = replace(scene, path_refinement=None)
-            return press(
-                own, device=device, estimate_error=estimate_error, keeps_states=keeps_states
-            )
+            kept = {"estimate_error": estimate_error, "keeps_states": keeps_states}
+            return press(own, plan=plan, device=device, **kept)
         return replace(result, way=end.way_path or path) if keeps_states else result
 
 

@@ -80,7 +80,8 @@ class State:
     tip: FloatArray  # the indenter's tip [m], shape [3]
     rotation: FloatArray  # indenter frame to pad frame, shape [3, 3]
     grip: Grip | None = None
-    extension: float = 0.3  # share of d_hat below which the barrier is a parabola
+    # Share of d_hat below which the barrier is a parabola; what follows begins with it
+    extension: float = 1.0
 
     def copy(self) -> State:
         """Return an independent copy."""

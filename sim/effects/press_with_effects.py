@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from sim.contact.surface_and_grip import Grip, State
-from sim.effects.depth_and_inertia_scales import expected_depth, most_force
+from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import build_model
 from sim.effects.press_outputs import PressOutputs, outputs_of
@@ -36,6 +36,8 @@ from tacauchy_rig.core.time_limits import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
+# Such presses' 4,000 equilibria take 20 steps, the slowest 150; what takes more finds none.
+_ITERATIONS_MAX = 250
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: F_z of 39
@@ -81,7 +83,7 @@ def path_for(
             model = build_model(scene, plan=plan, refinement=refinement, device=device)
     densities = np.array([material.density_kg_m3 for material in scene.materials])
     density = densities[model.mesh.labels]
-    step_s = scene.duration_s / TIME_STEPS
+    step_s = _longer(scene) * scene.duration_s / TIME_STEPS
     return LoadingPath(
         model,
         regularised_indenter(scene, refinement=refinement),
@@ -96,11 +98,15 @@ def path_for(
     )
 
 
+def _longer(scene: Scene) -> float:
+    """Return how many times longer than usual a scene's steps are."""
+    is_rough = scene.has_wide_barrier and (scene.tolerance or 0.0) >= _ROUGH_FROM
+    return _ROUGH_STEPS if is_rough else 1.0
+
+
 def _longest_step(scene: Scene, plan: EffectPlan, *, height_m: float) -> float:
     """Return how far the indenter goes in a step at most [m]."""
-    longest, asked = STEP_SHARE * height_m, _PATH_DEPENDENT & scene.outputs
-    if scene.has_wide_barrier and (scene.tolerance or 0.0) >= _ROUGH_FROM:
-        longest *= _ROUGH_STEPS
+    longest, asked = _longer(scene) * STEP_SHARE * height_m, _PATH_DEPENDENT & scene.outputs
     holds = scene.contact is ContactMode.BONDED or plan.is_on(Effect.FRICTION)
     if not asked or not holds:
         return longest
@@ -116,7 +122,9 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    return SolverOptions(residual_relative=share, load_relative=share)
+    return SolverOptions(
+        residual_relative=share, load_relative=share, iteration_max=_ITERATIONS_MAX
+    )
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -219,9 +227,8 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 _NEAR_TETS, _NEAR_POINTS = 12, 4
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
-# What a gel remembers of its whole way, so that no end state of another mesh would do. Inertia also
-# chooses among the folds under a deep sharp rim; an end carried over may lie in another one.
-_MEMORIES = (Effect.INERTIA, Effect.VISCOELASTICITY)
+# What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
+_AT_REST = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,12 +244,17 @@ class EndState:
 
 
 def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
-    """Return whether the load steps use another mesh than the end state."""
+    """Return whether the load steps use another mesh than the end state.
+
+    It does not where a gel remembers its whole way.
+    """
+    ends_moving = plan.is_on(Effect.INERTIA) and (inertia_error(scene) or 1.0) > _AT_REST
     return (
         scene.path_refinement is not None
         and scene.contact is not ContactMode.BONDED
         and plan.is_on(Effect.LOCKING_FREE_ELEMENT)
-        and not any(plan.is_on(effect) for effect in _MEMORIES)
+        and not plan.is_on(Effect.VISCOELASTICITY)
+        and not ends_moving
     )
 
 
@@ -301,6 +313,7 @@ def carried_over(
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
     moved[path.model.clamped] = 0.0
     state.positions = path.unloaded + moved
+    state.extension = last.state.extension
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     load_n = scene.target.force_n
     return path.resume(state, load_n=load_n, stiffness_n_m=last.stiffness_n_m)

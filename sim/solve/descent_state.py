@@ -51,6 +51,7 @@ class Limits:
     lags: wp.bool  # points hold on with a lagged pressure
     # after so many steps half of its change is taken over, after twice as many a third, and so on
     shares_after: wp.int32
+    holds_until: wp.int32  # after so many steps it may be left as it is
     # there is no other factor: one that asks for it forgets what it learnt, and goes on
     keeps: wp.bool
     # after so many steps a factor is renewed where the residual is still more than this share of

@@ -34,6 +34,8 @@ _THREADS = 1024
 # Steps after which lagged pressure that goes up and down in turn is damped; and with an inverse
 # that is never made anew, which leaves more of the residual in each.
 _SHARES_AFTER, _SHARES_AFTER_KEPT = 100, 8
+# Steps after which it may be left as it is, where the inverse can be made anew.
+_HOLDS_UNTIL = 50
 # Steps that are never taken, for patience that does not end.
 _NEVER = 2**30
 
@@ -158,6 +160,7 @@ class Descents:
             energy_scale=model.energy_scale_j,
             lags=model.contact_options.friction > 0.0,
             shares_after=_SHARES_AFTER_KEPT if keeps else _SHARES_AFTER,
+            holds_until=_NEVER if keeps else _HOLDS_UNTIL,
             keeps=keeps,
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
             patience_shares=wp.vec3d(*(share for _, share in patience)),

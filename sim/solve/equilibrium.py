@@ -185,7 +185,8 @@ class EquilibriumSolver:
         floor = options.residual_floor_n
         if floor is None:
             floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
-        for extension in self._extensions:
+        # What was too stiff a while ago is likely to be so again.
+        for extension in [each for each in self._extensions if each <= state.extension]:
             state.extension = extension
             descents.begin(
                 pushed=int(load_n is not None),

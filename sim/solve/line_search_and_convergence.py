@@ -44,6 +44,9 @@ _GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
+# Under a rim the taking over may change it for ever, by 0.5 to 3 %, and F_z by 0.1 %: after
+# ``holds_until`` steps it ends, where the change is at most this over the residual that is asked.
+_GRIP_AT_LAST = wp.constant(wp.float64(1e4))
 # Steps with less curvature are not learnt from: s . y over |s| |y|, which rounding would decide.
 _CURVATURE_MIN = wp.constant(wp.float64(1e-12))
 # A change of a gap, or a force, that is none; it keeps quotients finite.
@@ -70,6 +73,13 @@ Sums = wp.types.vector(len(Sum) + 2, wp.float64)
 @wp.func
 def _asked(d: Descent, b: wp.int32) -> wp.float64:
     return wp.max(d.relative[b] * d.scale[b], d.floor[b])
+
+
+@wp.func
+def _is_held_for_good(d: Descent, b: wp.int32, limits: Limits) -> wp.bool:
+    """Return whether lagged pressure is taken over no more."""
+    late = d.recorded[b] >= limits.holds_until
+    return late and d.grip_change[b] <= _GRIP_AT_LAST * d.relative[b]
 
 
 @wp.func
@@ -121,7 +131,7 @@ def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     scale = d.scale[b]
     is_last = d.recorded[b] - 1 >= d.steps_max[b]
     settled = d.grip_change[b] <= wp.max(_GRIP_CHANGE, _GRIP_PER_RESIDUAL * d.relative[b])
-    if scale == wp.float64(0.0):
+    if scale == wp.float64(0.0) or _is_held_for_good(d, b, limits):
         settled = wp.bool(True)  # what touches nothing has no pressure to take over
     # Small parts of one sign add up to more along z than their norm says.
     if last <= asked and wp.abs(d.vertical[b]) <= asked and settled:
@@ -167,7 +177,7 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.fl
             due = wp.min(_GRIP_FROM * d.scale[b], _GRIP_AGAIN * d.gripped_at[b])
             if d.mode[b] == Mode.BEGIN:
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
-            if residual <= wp.max(due, _asked(d, b)):
+            if residual <= wp.max(due, _asked(d, b)) and not _is_held_for_good(d, b, limits):
                 d.mode[b] = Mode.HELD
                 d.holding[b] = 1 + d.recorded[b] / limits.shares_after
                 return
