@@ -18,6 +18,8 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 _HELD_SHARE = 0.01
 # Threads of a block that has an environment, on a GPU.
 _THREADS = 512
+# Nodes that stand for all.
+_ASKED = 64
 
 
 class ContactInverse:
@@ -68,6 +70,14 @@ class ContactInverse:
         self._units = device.array(self.unit * young_share, wp.float64)
         self._tips = device.zeros(count, wp.float64)
         self._launches: Any = None
+
+    def middle_compliance(self) -> float:
+        """Return the median compliance along z of nodes amid the surface's edges [m/N]."""
+        faces, rows = self._correction.faces.numpy(), self._correction.rows.numpy()
+        along_z = rows[np.unique(faces[:, 3:]), 2]
+        along_z = along_z[along_z >= 0]
+        asked = along_z[np.linspace(0, len(along_z) - 1, _ASKED).astype(np.intp)]
+        return float(np.median(self._rest.diagonal(asked)))
 
     def serve(self, descents: Descents) -> None:
         """Learn whose contact to look at."""
