@@ -73,11 +73,12 @@ class ContactInverse:
 
     def middle_compliance(self) -> float:
         """Return the median compliance along z of nodes amid the surface's edges [m/N]."""
-        faces, rows = self._correction.faces.numpy(), self._correction.rows.numpy()
-        along_z = rows[np.unique(faces[:, 3:]), 2]
-        along_z = along_z[along_z >= 0]
-        asked = along_z[np.linspace(0, len(along_z) - 1, _ASKED).astype(np.intp)]
-        return float(np.median(self._rest.diagonal(asked)))
+        middles = np.setdiff1d(self._correction.faces.numpy()[:, 3:], [-1])
+        asked = middles[np.linspace(0, len(middles) - 1, _ASKED).astype(np.intp)]
+        self._rest.need(asked)
+        across = len(self._rest.compliance) + 1
+        along_z = self._rest.compliance.reshape(-1)[2 * across :: 3 * across].numpy()
+        return float(np.median(along_z[asked]))
 
     def serve(self, descents: Descents) -> None:
         """Learn whose contact to look at."""

@@ -15,8 +15,8 @@ from tacauchy_rig.core.arrays import FloatArray
 # Steps of a descent between two looks at who has arrived: a look is nine launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
-# Edges of the mesh between a face's farthest points.
-_FACE_EDGES = 1.5
+# Edges of the mesh from a contact point to its images in its face's quarters, at most.
+_IMAGE_EDGES = 1.0
 
 
 class Frames:
@@ -147,7 +147,7 @@ class Frames:
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
-        reach = wp.float64(options.distance_m + _FACE_EDGES * edge_of(model))
+        reach = wp.float64(options.distance_m + _IMAGE_EDGES * edge_of(model))
         at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [

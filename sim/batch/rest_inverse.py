@@ -19,7 +19,7 @@ from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import Device
 from sim.solve.linear_solver import linear_solver
 from sim.solve.model import Model
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Of a GPU's memory: what a matrix in float32 and its packed half may take.
@@ -75,12 +75,6 @@ class FactoredRest:
         found[:, flat < 0] = 0.0
         at = (3 * missing[:, None] + np.arange(3)).reshape(-1)
         self.compliance.numpy()[at] = found
-
-    def diagonal(self, rows: IntArray) -> FloatArray:
-        """Return the inverse's diagonal entries of rows [m/N]."""
-        right, at = np.zeros((len(rows), self.row_count - 1)), (np.arange(len(rows)), rows)
-        right[at] = 1.0
-        return np.asarray(self._solver.solve(right)[at])
 
     def places(self, state: Any) -> None:
         """Return nothing: every environment keeps its column."""
@@ -145,10 +139,9 @@ class DenseRest:
         # The largest entry of a positive definite matrix is on its diagonal.
         diagonal = device.zeros(size, wp.float32)
         device.launch(kernels.diagonal_of, (size,), [inverse], [diagonal])
-        self._diagonal = diagonal.numpy()
-        self.unit = float(self._diagonal.max())
+        self.unit = float(diagonal.numpy().max())
         weights = np.ones(self.row_count)
-        weights[:size] = np.sqrt(self._diagonal / self.unit)
+        weights[:size] = np.sqrt(diagonal.numpy() / self.unit)
         self.weights = device.array(weights, wp.float32)
         # Rows at the surface come first: a product may end with them.
         at_surface = np.unique(rows[rows >= 0])
@@ -162,10 +155,6 @@ class DenseRest:
 
     def need(self, nodes: IntArray) -> None:
         """Do nothing: all rows are known."""
-
-    def diagonal(self, rows: IntArray) -> FloatArray:
-        """Return the inverse's diagonal entries of rows [m/N]."""
-        return np.asarray(self._diagonal[rows])
 
     def places(self, state: Any) -> Any:
         """Return a launch that gives who asks the first columns, so that few blocks are read."""

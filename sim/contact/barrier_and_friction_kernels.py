@@ -459,7 +459,6 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
-        # Nothing touches in a face that has a point farther off than ``reach``.
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
