@@ -111,8 +111,8 @@ class Batch:
             The model needs a friction above zero.
         materials: Materials of the gel's layers, from the camera's side, for each environment;
             None takes the model's.
-        bias: Of F_z under each of ``indenters``, as ``measured_bias`` finds it; None is their
-            kind's.
+        bias: What remains of that of F_z under each of ``indenters``, as ``measured_bias`` finds
+            it.
 
     Attributes:
         positions: Nodes of every environment [m], a Warp array of vectors, shape [count,
@@ -153,12 +153,15 @@ class Batch:
         longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        self._bias = bias_of(model).of(edged.astype(int)) if bias is None else bias.of(which)
         self._floor_n = floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
         )
+        self._bias = bias_of(model, self.inverse).of(edged.astype(int))
+        if bias is not None:
+            own = bias.of(which)
+            self._bias = own._replace(known=own.known + self._bias.known)
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)

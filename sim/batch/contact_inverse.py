@@ -18,6 +18,8 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 _HELD_SHARE = 0.01
 # Threads of a block that has an environment, on a GPU.
 _THREADS = 512
+# Nodes that stand for all.
+_ASKED = 64
 
 
 class ContactInverse:
@@ -68,6 +70,15 @@ class ContactInverse:
         self._units = device.array(self.unit * young_share, wp.float64)
         self._tips = device.zeros(count, wp.float64)
         self._launches: Any = None
+
+    def middle_compliance(self) -> float:
+        """Return the median compliance along z of nodes amid the surface's edges [m/N]."""
+        middles = np.setdiff1d(self._correction.faces.numpy()[:, 3:], [-1])
+        asked = middles[np.linspace(0, len(middles) - 1, _ASKED).astype(np.intp)]
+        self._rest.need(asked)
+        across = len(self._rest.compliance) + 1
+        along_z = self._rest.compliance.reshape(-1)[2 * across :: 3 * across].numpy()
+        return float(np.median(along_z[asked]))
 
     def serve(self, descents: Descents) -> None:
         """Learn whose contact to look at."""

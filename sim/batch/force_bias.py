@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Sobol
 
 from sim.batch.batch import Batch
-from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp
+from sim.batch.sensor_model import ForceBias, edge_of
 from sim.cheapest_setting import keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Indenter, Sphere, tilted
@@ -56,9 +56,9 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
             most_m = min(most_m, _BALL_SHARE * body.diameter_m)
         deepest = sensor.scene(body, Target(depth_m=most_m), friction=friction, **how)
         rows.append(kept((deepest, edge_of(model)), 6, partial(_measured, model, deepest, most_m)))
-    table, bias = np.array(rows), bias_of(model).of(sharp(indenters).astype(int))
-    bias.known[:, 0] += table[:, 0]
-    return ForceBias(bias.known, table[:, 2:], table[:, 1:2] * [1.0, 0.0])
+    table = np.array(rows)
+    constant, left = table[:, :1] * [1.0, 0.0, 0.0], table[:, 1:2] * [1.0, 0.0]
+    return ForceBias(constant, table[:, 2:], left)
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
@@ -83,7 +83,7 @@ def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
     felt_n, corrected_n = found.raw_wrench[:, 2], found.wrench[:, 2]
     if not (felt_n > 0.0).all():
         raise ConfigError("no force where the bias is measured", remedy="take a shorter edge_m")
-    off = felt_n / np.repeat(fine_n, _PLACES) - felt_n / corrected_n
+    off = np.log(corrected_n / np.repeat(fine_n, _PLACES))
     size = np.log(felt_n)
     square, linear, constant = fit = np.polyfit(size, off, 2)
     left = np.percentile(np.abs(off - np.polyval(fit, size)), 95.0) + _TOLERANCE

@@ -55,7 +55,7 @@ class History:
     settled: wp.array(dtype=wp.int32)  # parts since it was put back
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
-    bias: wp.array(dtype=wp.float64)  # of the last force, over it
+    bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
     touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 8]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
@@ -209,7 +209,7 @@ def begin(
             goal[2] += share * behind[2]
         poses.tips[b] = goal
         poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
-        d.load[b] = motions.loads[f, b] * (wp.float64(1.0) + history.bias[b])
+        d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
         d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
         start_descent(d, memory, b, lags)
 
@@ -312,7 +312,7 @@ def note(
                 for k in range(7):
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
-                    found.wrench[f, b, k] = history.touched[b, k] / (wp.float64(1.0) + own)
+                    found.wrench[f, b, k] = history.touched[b, k] * wp.exp(-own)
                 found.error[f, b] = left[b][0] + left[b][1] * terms[1]
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch import motion_step_kernels as kernels
-from sim.batch.sensor_model import ForceBias, pressure_form
+from sim.batch.sensor_model import ForceBias, edge_of, face_shares, pressure_form, quarter_values
 from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
@@ -15,6 +15,8 @@ from tacauchy_rig.core.arrays import FloatArray
 # Steps of a descent between two looks at who has arrived: a look is nine launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
+# Edges of the mesh from a contact point to its images in its face's quarters, at most.
+_IMAGE_EDGES = 1.0
 
 
 class Frames:
@@ -143,12 +145,14 @@ class Frames:
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
-        form = self._device.array(pressure_form(model), wp.float64)
+        tables = (pressure_form(model), face_shares(model), quarter_values(model))
+        formed = [self._device.array(each, wp.float64) for each in tables]
+        reach = wp.float64(options.distance_m + _IMAGE_EDGES * edge_of(model))
         at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*at, form, history.touched]),
+            record(made.wrench, points, [*at, *formed, reach, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

@@ -4,16 +4,19 @@ A mesh is stiffer than the gel, above all under pressure p and shear t that chan
 Contact is therefore made compliant, by a share of an edge times p over E / (1 - nu^2). This offsets
 most of the error, halves the steps of a descent, and overcorrects wide contacts. What remains is
 
-    F / F_fine = 1 + form h A / (H F_z^2) integral of (t^2 - p^2 + unresolved p (p - L p))
-                   + narrow (h / a)^1.5 + wide sqrt(h / H) + layers (1 - E_min / E_max) h / H
+    log(F / F_fine) = form A / F_z^2 integral of (t^2 - p^2 + unresolved p (p - L p)) h / z
+                        + narrow (h / (c^2 a))^1.5 + wide sqrt(h / H)
+                        + layers (1 - E_min / E_max) h / H
 
-with the edge length h at the surface, the pad's height H, the contact's area A, the radius a of a
-disc of this area, and L p, the linear function on each face that is closest to p. The integral is
-the work that a mesh's surface does too little under traction it does not resolve, less what the
-compliant contact does; A / H is the stiffness of a layer over E. Contact gives less under sharp
-bodies, and form and narrow are as much less. The numbers were fitted to 379 presses of balls,
-punches and prisms on two sensors, a third with friction, at edges of 0.9 to 2.5 mm, against presses
-on fine meshes of their own, and that of layers to 40 on 9DTact.
+with the edge length h at the surface, the pad's height z there and H in its middle, the contact's
+area A, the radius a of a disc of this area, and L p, the linear function on each face that is
+closest to p. The integral is the work that a mesh's surface does too little under traction it does
+not resolve, less what the compliant contact does; A / z is the stiffness of a layer over E. A
+contact of few nodes meets the compliance that these have: c is that of nodes amid edges, which each
+mesh's inverse tells, times E h / (1 - nu^2), with the share of it that the pad's base takes off.
+Contact gives less under sharp bodies, and form and narrow are half as large. The numbers were
+fitted to 546 presses of balls, punches and prisms on two sensors, a third with friction, at edges
+of 0.9 to 2.5 mm, against presses on fine meshes of their own, and that of layers to 40 on 9DTact.
 """
 
 from __future__ import annotations
@@ -24,11 +27,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.batch.contact_inverse import ContactInverse
 from sim.contact.surface_and_grip import ContactOptions
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
-from sim.mesh.elements import ElementOrder
+from sim.mesh.elements import FACE_EDGES, QUARTERS, ElementOrder, quadratic_triangle_values
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import BoxPad
@@ -45,9 +49,14 @@ _SLIP_SHARE = 0.004
 # Edges of the mesh by which a point may overlap; in models that are made otherwise none may.
 _OVERLAP_SHARE = 0.4
 # Bias of F_z: by edges, layers, tractions, what is not linear of pressure, and narrow contacts.
-_WIDE, _LAYERS, _FORM, _UNRESOLVED, _NARROW = 0.10, 0.28, 0.22, 1.9, 0.038
+_WIDE, _LAYERS, _FORM, _UNRESOLVED, _NARROW = 0.094, 0.21, 0.191, 1.9, 0.269
+# Of form and narrow, under a sharp body.
+_SHARP = 0.5
+# Of a half-space's compliance [(1 - nu^2) / (E h)] that a base h / H edges below takes off, over
+# h / H, at nu 0.48 (Dimitriadis et al. 2002), and c of layered gels, whose is not that of a mesh.
+_BASE, _USUAL = 0.55, 1.9
 # What may remain of it: of all, and by edges, layers and narrow contacts.
-_LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.008, 0.09, 0.14, 0.028
+_LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.08, 0.14, 0.028
 
 
 class ForceBias(NamedTuple):
@@ -141,14 +150,34 @@ def pressure_form(model: Model) -> FloatArray:
     return (_UNRESOLVED - 1.0) * np.eye(len(linear)) - _UNRESOLVED * followed
 
 
-def bias_of(model: Model) -> ForceBias:
+def face_shares(model: Model) -> FloatArray:
+    """Return the edge length over the pad's height at every face."""
+    edge_m, heights_m = edge_of(model), model.nodes[model.faces].mean(axis=1)[:, 2]
+    return np.asarray(edge_m / np.maximum(heights_m, edge_m))
+
+
+def quarter_values(model: Model) -> FloatArray:
+    """Return the shape functions of a face at its contact points' images in its quarters.
+
+    Shape [point_count, 4, node_count].
+    """
+    corners = np.concatenate([np.eye(3), np.eye(3)[np.array(FACE_EDGES)].mean(axis=1)])
+    images = np.einsum("qk,pkx->qpx", model.reference.face_points, corners[np.array(QUARTERS)])
+    return quadratic_triangle_values(images)
+
+
+def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     """Return the bias under a rounded body and under a sharp one; none where it is not known."""
     if not model.contact_options.overlap:
         return ForceBias(np.zeros((2, 3)), np.zeros((2, 4)), np.full((2, 2), np.nan))
-    edge_m = edge_of(model)
+    edge_m, (young_pa, poisson) = edge_of(model), model.materials
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
-    layered = (1.0 - model.materials[0].min() / model.materials[0].max()) * wide
-    always, each = _WIDE * np.sqrt(wide) + _LAYERS * layered, [_NARROW * narrow, _FORM * wide]
-    known = [[always, *(share * np.array(each))] for share in (1.0, _GIVES_SHARP / _GIVES)]
+    layered = (1.0 - young_pa.min() / young_pa.max()) * wide
+    soft = _USUAL
+    if not layered:
+        unit = (1.0 - poisson.max() ** 2) / (young_pa.max() * edge_m)
+        soft = inverse.middle_compliance() / unit + _BASE * wide
+    always, each = _WIDE * np.sqrt(wide) + _LAYERS * layered, [_NARROW * narrow / soft**3, _FORM]
+    known = [[always, *(share * np.array(each))] for share in (1.0, _SHARP)]
     left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
     return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))

@@ -259,7 +259,8 @@ class ContactKernels:
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
-    # rest [m^2], and the square of shear with a form of every face's pressures [N^2/m^2], summed up
+    # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
+    # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2]
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -452,22 +453,33 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         form: wp.array2d(dtype=wp.float64),
+        shares: wp.array(dtype=wp.float64),
+        others: wp.array3d(dtype=wp.float64),
+        reach: wp.float64,
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x, at.surface.distance)
+            distance, n = nearby_gap(here, x, reach)
+            if distance < reach:
+                touched = wp.float64(0.0)
+                for r in range(others.shape[1]):
+                    there = wp.vec3d()
+                    for k in range(others.shape[2]):
+                        there += at.positions[b, at.surface.faces[f, k]] * others[q, r, k]
+                    gap, _n = nearby_gap(here, there, at.surface.distance)
+                    into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
+                    touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
+                area = at.surface.areas[f, q] * touched / wp.float64(others.shape[1])
+                area = repeatable(area, at.surface.shift / at.surface.young[b])
+                wp.atomic_add(wrench_out, b, 6, area)
             v = wp.vec3d()
             formed = wp.float64(0.0)
             if distance < at.surface.distance:
                 _density, slope, _change = normal_contact(at.surface, b, distance)
                 v = n * slope
-                touched = (at.surface.distance - distance) / (_FULLY * at.surface.distance)
-                area = at.surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
-                area = repeatable(area, at.surface.shift / at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 6, area)
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
                     gap, _n = nearby_gap(here, there, at.surface.distance)
@@ -479,7 +491,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 v += along
                 formed += wp.dot(along, along)
             if wp.dot(v, v) > wp.float64(0.0):
-                formed *= at.surface.areas[f, q]
+                formed *= at.surface.areas[f, q] * shares[f]
                 formed = repeatable(formed, at.surface.shift * at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 7, formed)
                 force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
