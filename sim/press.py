@@ -163,8 +163,13 @@ def press(
                 raise
             # Load steps on its own mesh may end in a fold that contradicts nothing.
             own = replace(scene, path_refinement=None)
-            kept = {"estimate_error": estimate_error, "keeps_states": keeps_states}
-            return press(own, plan=plan, device=device, **kept)
+            return press(
+                own,
+                plan=plan,
+                device=device,
+                estimate_error=estimate_error,
+                keeps_states=keeps_states,
+            )
         return replace(result, way=end.way_path or path) if keeps_states else result
 
 

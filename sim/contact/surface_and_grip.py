@@ -80,8 +80,7 @@ class State:
     tip: FloatArray  # the indenter's tip [m], shape [3]
     rotation: FloatArray  # indenter frame to pad frame, shape [3, 3]
     grip: Grip | None = None
-    # Share of d_hat below which the barrier is a parabola; what follows begins with it
-    extension: float = 1.0
+    extension: float = 0.3  # share of d_hat below which the barrier is a parabola, or less
 
     def copy(self) -> State:
         """Return an independent copy."""

@@ -36,7 +36,7 @@ from tacauchy_rig.core.time_limits import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
-# Such presses' 4,000 equilibria take 20 steps, the slowest 150; what takes more finds none.
+# After so many steps of such a press a shorter load step, or another mesh, is tried instead.
 _ITERATIONS_MAX = 250
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
@@ -122,9 +122,8 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    return SolverOptions(
-        residual_relative=share, load_relative=share, iteration_max=_ITERATIONS_MAX
-    )
+    most = _ITERATIONS_MAX
+    return SolverOptions(residual_relative=share, load_relative=share, iteration_max=most)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:

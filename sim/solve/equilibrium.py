@@ -20,8 +20,8 @@ At a standstill further up they go on. After ``iteration_max`` steps a residual 
 taken, and any other is an error.
 
 Where friction holds points to the indenter, their pressure is lagged: it is taken over between
-steps as soon as the residual is small, and has to stand still at the end. What is bonded knows no
-pressure: points that have come to touch take hold once the steps have ended.
+steps as soon as the residual is small, and has to stand still at the end, or it is left as it is
+after 50 steps. What is bonded knows no pressure: points that touch take hold in the end.
 """
 
 from dataclasses import dataclass, replace

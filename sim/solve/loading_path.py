@@ -290,6 +290,7 @@ class LoadingPath(Stepping):
         tip = np.array([*self.centre_m, self.touch_m - depth_m])
         state = self.model.rest_state(tip=tip, rotation=self.rotation)
         state.positions = self.unloaded.copy()
+        state.extension = self.model.contact_options.extension
         return state
 
     def body_force_n(self, point: PathPoint) -> FloatArray:

@@ -26,9 +26,6 @@ from tacauchy_rig.core.errors import ConvergenceError
 # Of the pad's height: overlap between equilibria, and at a start that is refused.
 OVERLAP_SHARE = 0.005
 _PENETRATION_SHARE = 0.3
-# Starts that overlap by so many times the allowed are not looked at: what another mesh's end left
-# beside an edge finds its way out.
-_KNOWN = 4.0
 # Cosine between contact force and surface from which the nearest side faces the gel.
 _FACING = 0.5
 # A motion that overlaps is cut to where the gap falls to the allowed, or by this if that is less.
@@ -69,7 +66,8 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
     """
     found = model.surface.forces(state.positions, indenter, state)
     deepest = -float(found.gaps.min())
-    if deepest <= _KNOWN * OVERLAP_SHARE * model.height_m:
+    # Less is left beside an edge by an end of another mesh, and finds its way out.
+    if deepest <= 4.0 * OVERLAP_SHARE * model.height_m:
         return
     message = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
     remedy = "start with the indenter above the gel and press it in"
