@@ -123,8 +123,7 @@ def evaluate_polynomial(
 
     In bands of pixels that stay in the cache; terms that differ in place only share the rest.
     """
-    shapes, shape_of = _distinct(exponents * (1, 1, 0, 0, 1))
-    places, place_of = _distinct(exponents * (0, 0, 1, 1, 0))
+    (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
     weights = np.zeros((len(places), 3, len(shapes)), dtype=tilt.dtype)
     weights[place_of, :, shape_of] = coefficients
     values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
@@ -137,10 +136,13 @@ def evaluate_polynomial(
     return values
 
 
-def _distinct(exponents: IntArray) -> tuple[IntArray, IndexArray]:
-    """Return terms without repetition, and which of them each is."""
-    _, first, which = np.unique(exponents @ _DIGITS, return_index=True, return_inverse=True)
-    return exponents[first], which
+def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
+    """Return terms' factors of the surface, and of position: each once, and which each term has."""
+    parts = []
+    for part in (exponents * (1, 1, 0, 0, 1), exponents * (0, 0, 1, 1, 0)):
+        _, first, which = np.unique(part @ _DIGITS, return_index=True, return_inverse=True)
+        parts.append((part[first], which))
+    return parts
 
 
 def degrees_of_tilt(exponents: IntArray) -> IntArray:
