@@ -32,11 +32,11 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import (
     AnyArray,
     BoolArray,
-    Float32Array,
     FloatArray,
     ImageArray,
     IndexArray,
     IntArray,
+    RealArray,
 )
 from tacauchy_rig.core.errors import ConfigError
 
@@ -97,7 +97,7 @@ class SeenChange:
         """True where the change is known, shape [n, 3]."""
         return ~(self.over | self.under)
 
-    def misfit(self, predicted: FloatArray) -> FloatArray:
+    def misfit(self, predicted: RealArray) -> FloatArray:
         """Return predicted minus seen change, zero where a clipped pixel allows it, [n, 3]."""
         off = predicted - self.change
         off = np.where(self.over, np.minimum(off, 0.0), off)
@@ -311,34 +311,24 @@ class PredictedPixels:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
         self._position = scene.normalised(columns, rows).astype(np.float32)
         self._light = model.response.light(scene.background[rows, columns].astype(np.float32))
-        rest = scene.at_rest(columns, rows)
+        self._gain, rest = model.gain(self._light), scene.at_rest(columns, rows)
         self._rest_change = None if rest is None else self._modelled(rest, self._position)
 
-    def light_change(self, circle: Circle) -> FloatArray:
+    def light_change(self, circle: Circle) -> RealArray:
         """Return the model's change of light over its reference, shape [n, 3]."""
-        found = np.zeros_like(self._light)
-        moved, change = self._moved(circle)
-        found[moved] = change
-        return found
-
-    def predict(self, circle: Circle) -> FloatArray:
-        """Return the model's colour change [grey levels], shape [n, 3]."""
-        found = np.zeros_like(self._light)
-        moved, change = self._moved(circle)
-        light, response = self._light[moved], self._model.response
-        loaded = light + self._model.gain(light) * change
-        found[moved] = response.levels(loaded) - response.levels(light)
-        return found
-
-    def _moved(self, circle: Circle) -> tuple[IndexArray, FloatArray]:
-        """Return which pixels see gel that the contact moves, and how their light changes."""
         distance = circle.distance(self._columns, self._rows)
         moved = np.flatnonzero(distance < self._scene.reach_px(circle))
         gel = self._scene.surface(circle, self._columns[moved], self._rows[moved])
-        change = self._modelled(gel, self._position[:, moved])
-        return moved, change if self._rest_change is None else change - self._rest_change[moved]
+        found, change = np.zeros_like(self._light), self._modelled(gel, self._position[:, moved])
+        found[moved] = change if self._rest_change is None else change - self._rest_change[moved]
+        return found
 
-    def _modelled(self, gel: FloatArray, position: Float32Array) -> Float32Array:
+    def predict(self, circle: Circle) -> RealArray:
+        """Return the model's colour change [grey levels], shape [n, 3]."""
+        levels = self._model.response.levels
+        return levels(self._light + self._gain * self.light_change(circle)) - levels(self._light)
+
+    def _modelled(self, gel: FloatArray, position: RealArray) -> RealArray:
         tilt, (depth_m, curvature) = np.split(gel.astype(np.float32), [2])
         return self._model.evaluate(tilt, position, depth_m, curvature).T
 

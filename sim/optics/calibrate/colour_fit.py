@@ -1,6 +1,5 @@
 """Calibration of the photometric model, and of the no-contact frame, from ball presses."""
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -26,8 +25,6 @@ from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-
-log = logging.getLogger(__name__)
 
 _ROUNDS = 3  # how often circles are nudged and the model is fitted again
 
@@ -83,7 +80,6 @@ def calibrate_optics(
         stride = 1 if turn == rounds - 1 else STRIDE  # until then no other pixels are looked at
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene, stride))
         model = fit_model(placed, averaged, model, settled=start is not None)
-        log.debug("calibration round %d of %d done", turn + 1, rounds)
     return Calibration(
         model=model,
         scene=averaged,
@@ -102,8 +98,8 @@ def fit_model(
 ) -> PhotometricModel:
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
-    The search starts at an earlier model, whose response may be settled; without one the camera is
-    taken to be linear and the ridge is the usual one. The camera's blur is not the gel's.
+    The search starts at an earlier model, whose response and ridge may be settled; without one the
+    camera is taken to be linear and the ridge is the usual one. The camera's blur is not the gel's.
     """
     pressed = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
     polynomial = [each.samples.polynomial(scene.exponents) for each in pressed]
@@ -128,7 +124,9 @@ def fit_model(
     response, terms, ridge = LINEAR, None, fitting.RIDGE if known is None else None
     if known is not None:
         terms, response = known.terms, known.response
-        if not settled:
+        if settled:
+            ridge = known.provenance["ridge"]
+        else:
             response = fitting.fit_response(
                 lambda tried: [each.through(tried) for each in pressed],
                 features(terms),
@@ -231,5 +229,5 @@ class PressSamples:
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
             change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it
-        light, weights = (each.T.astype(np.float32) for each in (change / gain, weights))
-        return replace(self.samples, change=light, weights=weights)
+        light, weight = (each.T.astype(np.float32) for each in (change / gain, weights))
+        return replace(self.samples, change=light, weights=weight)

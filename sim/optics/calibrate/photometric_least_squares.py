@@ -40,14 +40,14 @@ class PhotometricSamples:
     # Points of the gel whose light a pixel shows: first the one in its middle, then those that a
     # blur mixes in its place and the same pixel's unloaded gel; each as tilt along columns and
     # along rows, indentation [m] and curvature [1/m], of shape [m, 4, n]
-    surface: FloatArray
+    surface: RealArray
     # Of these points' light in what the pixel shows; -1 of the unloaded gel, whose light is in the
     # no-contact frame
     shares: tuple[float, ...] = (1.0,)
-    position: FloatArray  # normalised pixel position, shape [2, n]
+    position: RealArray  # normalised pixel position, shape [2, n]
     # Red, green and blue minus the no-contact colour [grey levels], shape [3, n]
-    change: FloatArray
-    weights: FloatArray  # of each colour in a fit, zero where it is not known, shape [3, n]
+    change: RealArray
+    weights: RealArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""

@@ -43,7 +43,7 @@ _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
-_BLUR_TURNS = 3
+_BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
 _SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
@@ -144,7 +144,7 @@ def calibrate_with_shadows(
         known = replace(found, shadows=shadows)
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
         known = replace(calibrate_optics(lit, scene, found), shadows=shadows, blur_px=found.blur_px)
-        found = _coloured(presses, with_blur(known.placed(lit), known))
+        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
     return found
 
 
@@ -234,9 +234,9 @@ class _LostLight:
         self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
         self._left_over = self._beside(seen.change * seen.weights)
         self._total = float(np.sum(self._left_over**2))
-        self._known: dict[tuple[float | None, ...], FloatArray] = {}
+        self._known: dict[tuple[float | None, ...], RealArray] = {}
 
-    def _beside(self, light: FloatArray) -> FloatArray:
+    def _beside(self, light: RealArray) -> RealArray:
         """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
         f, found = self._features, light.astype(np.float32)
         for each, weights, inverse in zip(found, self._weights, self._factors, strict=True):
@@ -272,7 +272,7 @@ class _LostLight:
         normal = terms @ terms.transpose(0, 2, 1)
         return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
 
-    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
+    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> RealArray:
         place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
         key = (*place, shadows.spread, shadows.softness_m)
         found = self._known.pop(key, None)
@@ -375,7 +375,9 @@ def calibrate_presses(
     return with_motion(presses, found)
 
 
-def with_blur(placed: Sequence[PlacedPress], found: Calibration) -> Calibration:
+def with_blur(
+    placed: Sequence[PlacedPress], found: Calibration, *, turns: int = _BLUR_TURNS
+) -> Calibration:
     """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it.
 
     Presses are without shadows. The search starts at the blur that is known. Each turn makes up a
@@ -383,7 +385,7 @@ def with_blur(placed: Sequence[PlacedPress], found: Calibration) -> Calibration:
     """
     blur_px, sharp = found.blur_px, replace(found, blur_px=0.0)
     before_px, missed_px = 0.0, 0.0
-    for turn in range(_BLUR_TURNS):
+    for turn in range(turns):
         if blur_px > 0.0:
             # The colours once more, to the gel as the blur shows it: or they take a part of it.
             model = fit_model(placed, found.scene, found.model, blur_px=blur_px, settled=True)

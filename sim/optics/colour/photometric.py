@@ -138,11 +138,9 @@ def evaluate_polynomial(
 
 def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
     """Return terms' factors of the surface, and of position: each once, and which each term has."""
-    parts = []
-    for part in (exponents * (1, 1, 0, 0, 1), exponents * (0, 0, 1, 1, 0)):
-        _, first, which = np.unique(part @ _DIGITS, return_index=True, return_inverse=True)
-        parts.append((part[first], which))
-    return parts
+    parts = exponents * (1, 1, 0, 0, 1), exponents * (0, 0, 1, 1, 0)
+    found = [np.unique(part @ _DIGITS, return_index=True, return_inverse=True) for part in parts]
+    return [(part[first], which) for part, (_, first, which) in zip(parts, found, strict=True)]
 
 
 def degrees_of_tilt(exponents: IntArray) -> IntArray:
@@ -281,7 +279,7 @@ class PhotometricModel:
     # proportion, as paint and lamps shade both alike. None adds the same everywhere.
     reference: float | None = None
     # Where the coefficients come from, as JSON values with units in the keys
-    provenance: Mapping[str, object] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         terms = len(self.coefficients)
