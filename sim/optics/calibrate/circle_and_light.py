@@ -36,6 +36,7 @@ from tacauchy_rig.core.arrays import (
     ImageArray,
     IndexArray,
     IntArray,
+    RealArray,
 )
 from tacauchy_rig.core.errors import ConfigError
 
@@ -44,12 +45,13 @@ _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
 _TELLING = 251  # of a compressed range the last levels tell less than their noise
 BEYOND_RIM = 1.15
-_STRIDE = 4  # of the pixels along rows and columns that are used for fitting
+STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
-_SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
+# Differences that slopes are found by, and what ends a search, are shares of move plus the first.
+_SEARCH_PX, _DIFFERENCE_SHARE, _SETTLED_SHARE = 100.0, 3e-4, 1e-5
 _SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
 # Of a contact that nobody has labelled:
 _SMOOTHING_PX = 2.0
@@ -95,7 +97,7 @@ class SeenChange:
         """True where the change is known, shape [n, 3]."""
         return ~(self.over | self.under)
 
-    def misfit(self, predicted: FloatArray) -> FloatArray:
+    def misfit(self, predicted: RealArray) -> FloatArray:
         """Return predicted minus seen change, zero where a clipped pixel allows it, [n, 3]."""
         off = predicted - self.change
         off = np.where(self.over, np.minimum(off, 0.0), off)
@@ -186,7 +188,7 @@ class PressScene:
 
     def pressed_image(self, circle: Circle) -> FloatArray:
         """Return ``surface`` of the whole image, shape [4, height, width]."""
-        rows, columns = self._lattice(1)
+        rows, columns = self.lattice(1)
         return self.surface(circle, columns, rows).reshape(4, *self.background.shape[:2])
 
     def reach_px(self, circle: Circle) -> float:
@@ -198,12 +200,12 @@ class PressScene:
 
     def whole_image(self, model: PhotometricModel) -> PredictedPixels:
         """Return all pixels, row after row, made ready to be predicted."""
-        rows, columns = self._lattice(1)
+        rows, columns = self.lattice(1)
         return PredictedPixels(self, model, columns, rows)
 
     def frame_light_image(self, light: FloatArray) -> FloatArray:
         """Return a frame's light everywhere, shape [height, width, 3]."""
-        rows, columns = self._lattice(1)
+        rows, columns = self.lattice(1)
         return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
 
     @property
@@ -218,12 +220,13 @@ class PressScene:
 
     def pixels_around(self, press: BallPress) -> tuple[IndexArray, IndexArray]:
         """Return rows and columns of the fitting lattice in a press's contact and skirt."""
-        rows, columns = self._lattice(_STRIDE)
+        rows, columns = self.lattice(STRIDE)
         near = press.circle.distance(columns, rows) < _SKIRT_RADII * press.circle.radius_px
         near &= press.shown[rows, columns]
         return rows[near], columns[near]
 
-    def _lattice(self, stride: int) -> tuple[IndexArray, IndexArray]:
+    def lattice(self, stride: int) -> tuple[IndexArray, IndexArray]:
+        """Return rows and columns of every so many pixels along both."""
         height, width = self.background.shape[:2]
         rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
@@ -245,7 +248,7 @@ class PressScene:
 
         A model explains the skirt; without one, the farthest pixels are taken to be level.
         """
-        rows, columns = self._lattice(_STRIDE)
+        rows, columns = self.lattice(STRIDE)
         distance = circle.distance(columns, rows)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
@@ -268,20 +271,21 @@ class PressScene:
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
         pixels = PredictedPixels(self, model, columns, rows)
 
-        def residual(move: FloatArray) -> FloatArray:
+        def residual(numbers: FloatArray) -> FloatArray:
+            move = numbers - _SEARCH_PX
             misfit = seen.misfit(pixels.predict(_circle(label + move))).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
         found = least_squares(
             residual,
-            np.array(placed.circle.moved_from(circle)),
-            diff_step=1e-2,
+            np.array(placed.circle.moved_from(circle)) + _SEARCH_PX,
+            diff_step=_DIFFERENCE_SHARE,
             ftol=_SETTLED_MISFIT,
             xtol=_SETTLED_SHARE,
             max_nfev=10,
         )
-        return _circle(label + found.x)
+        return _circle(label + found.x - _SEARCH_PX)
 
 
 def _circle(numbers: FloatArray) -> Circle:
@@ -305,37 +309,28 @@ class PredictedPixels:
         self, scene: PressScene, model: PhotometricModel, columns: IndexArray, rows: IndexArray
     ) -> None:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
-        self._position = scene.normalised(columns, rows)
-        self._light = np.asarray(model.response.light(scene.background[rows, columns]), np.float64)
-        rest = scene.at_rest(columns, rows)
+        self._position = scene.normalised(columns, rows).astype(np.float32)
+        self._light = model.response.light(scene.background[rows, columns].astype(np.float32))
+        self._gain, rest = model.gain(self._light), scene.at_rest(columns, rows)
         self._rest_change = None if rest is None else self._modelled(rest, self._position)
 
-    def light_change(self, circle: Circle) -> FloatArray:
+    def light_change(self, circle: Circle) -> RealArray:
         """Return the model's change of light over its reference, shape [n, 3]."""
-        found = np.zeros_like(self._light)
-        moved, change = self._moved(circle)
-        found[moved] = change
-        return found
-
-    def predict(self, circle: Circle) -> FloatArray:
-        """Return the model's colour change [grey levels], shape [n, 3]."""
-        found = np.zeros_like(self._light)
-        moved, change = self._moved(circle)
-        light, response = self._light[moved], self._model.response
-        loaded = light + self._model.gain(light) * change
-        found[moved] = response.levels(loaded) - response.levels(light)
-        return found
-
-    def _moved(self, circle: Circle) -> tuple[IndexArray, FloatArray]:
-        """Return which pixels see gel that the contact moves, and how their light changes."""
         distance = circle.distance(self._columns, self._rows)
         moved = np.flatnonzero(distance < self._scene.reach_px(circle))
         gel = self._scene.surface(circle, self._columns[moved], self._rows[moved])
-        change = self._modelled(gel, self._position[:, moved])
-        return moved, change if self._rest_change is None else change - self._rest_change[moved]
+        found, change = np.zeros_like(self._light), self._modelled(gel, self._position[:, moved])
+        found[moved] = change if self._rest_change is None else change - self._rest_change[moved]
+        return found
 
-    def _modelled(self, gel: FloatArray, position: FloatArray) -> FloatArray:
-        return np.asarray(self._model.evaluate(gel[:2], position, gel[2], gel[3]).T, np.float64)
+    def predict(self, circle: Circle) -> RealArray:
+        """Return the model's colour change [grey levels], shape [n, 3]."""
+        levels = self._model.response.levels
+        return levels(self._light + self._gain * self.light_change(circle)) - levels(self._light)
+
+    def _modelled(self, gel: FloatArray, position: RealArray) -> RealArray:
+        tilt, (depth_m, curvature) = np.split(gel.astype(np.float32), [2])
+        return self._model.evaluate(tilt, position, depth_m, curvature).T
 
 
 def pressed_scene(
@@ -422,9 +417,9 @@ class _ContactChange:
             np.where(known[..., None], change, 0.0), (_SMOOTHING_PX, _SMOOTHING_PX, 0.0)
         )
         smooth = smooth / np.maximum(weight, 1e-3)[..., None]
-        rows, columns = np.nonzero(known[::_STRIDE, ::_STRIDE])
-        self._y, self._x = rows * float(_STRIDE), columns * float(_STRIDE)
-        seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2)[rows, columns]
+        rows, columns = np.nonzero(known[::STRIDE, ::STRIDE])
+        self._y, self._x = rows * float(STRIDE), columns * float(STRIDE)
+        seen = np.linalg.norm(smooth[::STRIDE, ::STRIDE], axis=2)[rows, columns]
         strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
         self._seen, self.strongest = seen - seen.mean(), float(seen.max())  # [grey levels]
         # Column and row of the middle of the strongest changes [px]

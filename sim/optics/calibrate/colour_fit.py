@@ -1,6 +1,5 @@
 """Calibration of the photometric model, and of the no-contact frame, from ball presses."""
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -11,10 +10,12 @@ from sim.optics.calibrate import photometric_least_squares as fitting
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.circle_and_light import (
     BEYOND_RIM,
+    STRIDE,
     PlacedPress,
     PredictedPixels,
     PressScene,
     exposed,
+    light_at,
     light_weights,
     seen_change,
 )
@@ -24,8 +25,6 @@ from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-
-log = logging.getLogger(__name__)
 
 _ROUNDS = 3  # how often circles are nudged and the model is fitted again
 
@@ -73,14 +72,14 @@ def calibrate_optics(
         model = fit_model(placed, scene)
     else:
         placed, averaged, rounds = start.placed(presses), start.scene, 1
-        model = fit_model(placed, averaged, start.model)
+        model = fit_model(placed, averaged, start.model, settled=True)
     for turn in range(rounds):
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
             placed[i] = replace(lit, circle=averaged.nudged(lit, model))
-        averaged = replace(scene, background=averaged_no_contact(placed, model, scene))
-        model = fit_model(placed, averaged, model)
-        log.debug("calibration round %d of %d done", turn + 1, rounds)
+        stride = 1 if turn == rounds - 1 else STRIDE  # until then no other pixels are looked at
+        averaged = replace(scene, background=averaged_no_contact(placed, model, scene, stride))
+        model = fit_model(placed, averaged, model, settled=start is not None)
     return Calibration(
         model=model,
         scene=averaged,
@@ -95,11 +94,12 @@ def fit_model(
     known: PhotometricModel | None = None,
     *,
     blur_px: float = 0.0,
+    settled: bool = False,
 ) -> PhotometricModel:
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
-    The search starts at an earlier model; without one the camera is taken to be linear and the
-    ridge is the usual one. The camera's blur is not the gel's; with one the response is known.
+    The search starts at an earlier model, whose response and ridge may be settled; without one the
+    camera is taken to be linear and the ridge is the usual one. The camera's blur is not the gel's.
     """
     pressed = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
     polynomial = [each.samples.polynomial(scene.exponents) for each in pressed]
@@ -124,7 +124,9 @@ def fit_model(
     response, terms, ridge = LINEAR, None, fitting.RIDGE if known is None else None
     if known is not None:
         terms, response = known.terms, known.response
-        if blur_px == 0.0:
+        if settled:
+            ridge = known.provenance["ridge"]
+        else:
             response = fitting.fit_response(
                 lambda tried: [each.through(tried) for each in pressed],
                 features(terms),
@@ -144,27 +146,29 @@ def fit_model(
 
 
 def averaged_no_contact(
-    placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene
+    placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene, stride: int
 ) -> FloatArray:
     """Average the no-contact frame over all frames outside their contacts [grey levels].
+
+    Only every so many pixels along rows and columns are averaged.
 
     One frame has a camera's noise of one or two grey levels in every pixel, which a rendering over
     it would repeat; each press shows most of the gel as well, once its light and skirt are off.
     """
-    height, width = scene.background.shape[:2]
-    rows, columns = np.mgrid[:height, :width]
-    total = scene.background.astype(np.float64)
-    count = np.ones((height, width, 3))
-    pixels = scene.whole_image(model)
+    rows, columns = scene.lattice(stride)
+    position, averaged = scene.normalised(columns, rows), scene.background.copy()
+    total = averaged[rows, columns]
+    count = np.ones_like(total)
+    pixels = PredictedPixels(scene, model, columns, rows)
     for each in placed:
-        image, circle = each.press.image, each.circle
-        change = pixels.predict(circle).reshape(total.shape)
-        level = image - scene.frame_light_image(each.light) - change
+        image, circle = each.press.image[rows, columns], each.circle
+        level = image - light_at(each.light, position) - pixels.predict(circle)
         outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        known = (outside & each.press.shown)[..., None] & exposed(image)
+        known = (outside & each.press.shown[rows, columns])[:, None] & exposed(image)
         total += np.where(known, level, 0.0)
         count += known
-    return np.asarray(total / count)
+    averaged[rows, columns] = total / count
+    return averaged
 
 
 class PressSamples:
@@ -199,9 +203,9 @@ class PressSamples:
             shares.append(-1.0)
         unknown = np.zeros_like(self._expected.T)
         self.samples = fitting.PhotometricSamples(
-            surface=np.stack(surface),
+            surface=np.stack(surface).astype(np.float32),
             shares=tuple(shares),
-            position=scene.normalised(columns, rows),
+            position=scene.normalised(columns, rows).astype(np.float32),
             change=unknown,
             weights=unknown,
         )
@@ -225,4 +229,5 @@ class PressSamples:
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
             change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it
-        return replace(self.samples, change=(change / gain).T, weights=weights.T)
+        light, weight = (each.T.astype(np.float32) for each in (change / gain, weights))
+        return replace(self.samples, change=light, weights=weight)

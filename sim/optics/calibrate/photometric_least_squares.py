@@ -27,6 +27,7 @@ from sim.optics.colour.photometric import (
     ShadingTerms,
     monomials,
     polynomial_exponents,
+    shapes_and_places,
 )
 from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
@@ -39,18 +40,22 @@ class PhotometricSamples:
     # Points of the gel whose light a pixel shows: first the one in its middle, then those that a
     # blur mixes in its place and the same pixel's unloaded gel; each as tilt along columns and
     # along rows, indentation [m] and curvature [1/m], of shape [m, 4, n]
-    surface: FloatArray
+    surface: RealArray
     # Of these points' light in what the pixel shows; -1 of the unloaded gel, whose light is in the
     # no-contact frame
     shares: tuple[float, ...] = (1.0,)
-    position: FloatArray  # normalised pixel position, shape [2, n]
+    position: RealArray  # normalised pixel position, shape [2, n]
     # Red, green and blue minus the no-contact colour [grey levels], shape [3, n]
-    change: FloatArray
-    weights: FloatArray  # of each colour in a fit, zero where it is not known, shape [3, n]
+    change: RealArray
+    weights: RealArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
-        return self._seen(lambda at: monomials(at[:2], self.position, at[2], exponents))
+        (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
+        shown = self._seen(lambda at: monomials(at[:2], self.position, at[2], shapes))
+        tilt, indentation_m = self.surface[0, :2], self.surface[0, 2]
+        at_places = monomials(tilt, self.position, indentation_m, places)
+        return shown[shape_of] * at_places[place_of]
 
     def shading(self, terms: ShadingTerms | None) -> FloatArray:
         """Return the values of lamps and creases as the samples show them, shape [count, n]."""
@@ -63,9 +68,10 @@ class PhotometricSamples:
         shown = zip(self.shares, self.surface, strict=True)
         return np.asarray(sum(share * values(points) for share, points in shown if share))
 
-    def thinned(self, step: int) -> PhotometricSamples:
+    def thinned(self, step: int, precision: type = np.float32) -> PhotometricSamples:
         """Return every so many of the samples."""
-        return replace(self, **{name: getattr(self, name)[..., ::step] for name in _BY_SAMPLE})
+        few = {name: getattr(self, name)[..., ::step].astype(precision) for name in _BY_SAMPLE}
+        return replace(self, **few)
 
 
 _BY_SAMPLE = ("surface", "position", "change", "weights")
@@ -94,19 +100,13 @@ class NormalEquations:
     @classmethod
     def of(cls, features: FloatArray, samples: PhotometricSamples) -> NormalEquations:
         """Sum up samples whose colours are to be linear in features, shape [n, sample_count]."""
-        normal, load, squares, before = [], [], 0.0, None
-        for change, weight in zip(samples.change, samples.weights, strict=True):
-            if before is None or not np.array_equal(weight, before):  # else as the colour before
-                known, before = features * weight, weight
-                gram = known @ known.T
-            seen = change * weight
-            normal.append(gram)
-            load.append(known @ seen)
-            squares += float(seen @ seen)
+        seen = samples.change * samples.weights
+        known = [features * weight for weight in samples.weights]
+        pairs = zip(known, seen, strict=True)
         return cls(
-            normal=np.stack(normal),
-            load=np.stack(load),
-            squares=squares,
+            normal=np.stack([each @ each.T for each in known]).astype(np.float64),
+            load=np.stack([each @ light for each, light in pairs]).astype(np.float64),
+            squares=float(np.sum(seen**2, dtype=np.float64)),
             sample_count=samples.change.shape[1],
             known_count=int(np.count_nonzero(samples.weights)),
         )
@@ -282,7 +282,7 @@ def fit_terms(
     Without lamps to start from they are searched all around.
     """
     step = max(1, samples.change.shape[1] // _SAMPLES)
-    few = samples.thinned(step)
+    few = samples.thinned(step, np.float64)  # slopes by differences want all digits
     search = _Search(few, aspect=aspect, crease_limit=float(np.abs(samples.surface[0, 3]).max()))
     if start is None:
         begin = search.all_around(lamp_count)

@@ -43,8 +43,8 @@ _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
-_BLUR_TURNS = 5
-_SETTLED_PX = 0.05
+_BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
+_SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
 _REACH = 1.4  # radii of the contact that are looked at
@@ -117,14 +117,6 @@ def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> Bal
     return replace(press, image=image.astype(np.uint8))
 
 
-def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[PlacedPress]:
-    """Return presses that a calibration was made of with the light that their dents took away."""
-    return [
-        replace(each, press=without_shadows(each.press, each.circle, found))
-        for each in found.placed(presses)
-    ]
-
-
 def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
     """Return the light that a press takes away over the model's reference, [height, width, 3]."""
     gel = scene.pressed_image(circle).astype(np.float32)
@@ -150,9 +142,9 @@ def calibrate_with_shadows(
     for steps in _ROUNDS:
         shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
-        lit = [each.press for each in lit_presses(presses, known)]
+        lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
         known = replace(calibrate_optics(lit, scene, found), shadows=shadows, blur_px=found.blur_px)
-        found = _coloured(presses, with_blur(presses, known))
+        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
     return found
 
 
@@ -242,12 +234,15 @@ class _LostLight:
         self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
         self._left_over = self._beside(seen.change * seen.weights)
         self._total = float(np.sum(self._left_over**2))
-        self._known: dict[tuple[float | None, ...], FloatArray] = {}
+        self._known: dict[tuple[float | None, ...], RealArray] = {}
 
-    def _beside(self, light: FloatArray) -> FloatArray:
+    def _beside(self, light: RealArray) -> RealArray:
         """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
-        f, parts = self._features, zip(light, self._weights, self._factors, strict=True)
-        return np.stack([each - (inverse @ (f @ (w * each))) @ f * w for each, w, inverse in parts])
+        f, found = self._features, light.astype(np.float32)
+        for each, weights, inverse in zip(found, self._weights, self._factors, strict=True):
+            colours = inverse @ (f @ (weights * each))
+            each -= colours.astype(np.float32) @ f * weights
+        return found
 
     def best_of(self, start: ShadowCaster) -> ShadowCaster:
         """Return as many lamps as are named that explain most, of these and of others all around.
@@ -277,7 +272,7 @@ class _LostLight:
         normal = terms @ terms.transpose(0, 2, 1)
         return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
 
-    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
+    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> RealArray:
         place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
         key = (*place, shadows.spread, shadows.softness_m)
         found = self._known.pop(key, None)
@@ -374,30 +369,37 @@ def calibrate_presses(
     """
     if shadows is None:
         found = calibrate_optics(presses, scene)
-        found = with_blur(presses, found) if blurred else found
+        found = with_blur(found.placed(presses), found) if blurred else found
     else:
         found = calibrate_with_shadows(presses, scene, shadows)
     return with_motion(presses, found)
 
 
-def with_blur(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+def with_blur(
+    placed: Sequence[PlacedPress], found: Calibration, *, turns: int = _BLUR_TURNS
+) -> Calibration:
     """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it.
 
-    The search starts at the blur that is known.
+    Presses are without shadows. The search starts at the blur that is known. Each turn makes up a
+    share of what is missing, which the turn before tells (secant method).
     """
-    placed, sharp = lit_presses(presses, found), replace(found, blur_px=0.0)
-    for _ in range(_BLUR_TURNS):
-        blur_px = found.blur_px
+    blur_px, sharp = found.blur_px, replace(found, blur_px=0.0)
+    before_px, missed_px = 0.0, 0.0
+    for turn in range(turns):
         if blur_px > 0.0:
             # The colours once more, to the gel as the blur shows it: or they take a part of it.
-            model = fit_model(placed, found.scene, found.model, blur_px=blur_px)
+            model = fit_model(placed, found.scene, found.model, blur_px=blur_px, settled=True)
             found = replace(found, model=model)
-        found = replace(found, blur_px=fit_blur(placed, found))
-        if found.blur_px == 0.0:
+        shown_px = fit_blur(placed, found)
+        if shown_px == 0.0:
             return sharp  # colours fitted to a blur that is none after all would be off
-        if abs(found.blur_px - blur_px) < _SETTLED_PX:
+        missing_px = shown_px - blur_px
+        share = (missed_px - missing_px) / (blur_px - before_px) if turn else 1.0
+        before_px, missed_px = blur_px, missing_px
+        blur_px = min(blur_px + missing_px / min(max(share, _LEAST_SHARE), 1.0), _TRIED_PX[-1])
+        if abs(blur_px - before_px) < _SETTLED_PX:
             break
-    return found
+    return replace(found, blur_px=blur_px)
 
 
 def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
@@ -419,12 +421,14 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]
-        known = (near & press.shown[window])[..., None] & exposed(image)
-        seen = image - scene.background[window] - scene.frame_light_image(each.light)[window]
-        pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
+        known = ((near & press.shown[window])[..., None] & exposed(image)).astype(np.float32)
+        rows, columns = rows.ravel(), columns.ravel()
+        seen = image - scene.expected(rows, columns, each.light).reshape(image.shape)
+        seen = seen.astype(np.float32)
+        pixels = PredictedPixels(scene, found.model, columns, rows)
         sharp = pixels.predict(circle).reshape(seen.shape)
         blurs = [cv2.GaussianBlur(sharp, (0, 0), s) if s > 0.0 else sharp for s in _TRIED_PX]
-        misfit += [np.abs(seen - blurred)[known].sum() for blurred in blurs]
+        misfit += [float(np.vdot(np.abs(seen - blurred), known)) for blurred in blurs]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
     return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)

@@ -123,8 +123,7 @@ def evaluate_polynomial(
 
     In bands of pixels that stay in the cache; terms that differ in place only share the rest.
     """
-    shapes, shape_of = _distinct(exponents * (1, 1, 0, 0, 1))
-    places, place_of = _distinct(exponents * (0, 0, 1, 1, 0))
+    (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
     weights = np.zeros((len(places), 3, len(shapes)), dtype=tilt.dtype)
     weights[place_of, :, shape_of] = coefficients
     values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
@@ -137,10 +136,11 @@ def evaluate_polynomial(
     return values
 
 
-def _distinct(exponents: IntArray) -> tuple[IntArray, IndexArray]:
-    """Return terms without repetition, and which of them each is."""
-    _, first, which = np.unique(exponents @ _DIGITS, return_index=True, return_inverse=True)
-    return exponents[first], which
+def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
+    """Return terms' factors of the surface, and of position: each once, and which each term has."""
+    parts = exponents * (1, 1, 0, 0, 1), exponents * (0, 0, 1, 1, 0)
+    found = [np.unique(part @ _DIGITS, return_index=True, return_inverse=True) for part in parts]
+    return [(part[first], which) for part, (_, first, which) in zip(parts, found, strict=True)]
 
 
 def degrees_of_tilt(exponents: IntArray) -> IntArray:
@@ -279,7 +279,7 @@ class PhotometricModel:
     # proportion, as paint and lamps shade both alike. None adds the same everywhere.
     reference: float | None = None
     # Where the coefficients come from, as JSON values with units in the keys
-    provenance: Mapping[str, object] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         terms = len(self.coefficients)
