@@ -181,14 +181,6 @@ class NearLamp:
     elevation_rad: float  # angle of its light to the gel in the middle of the image [rad]
     distance: float  # from the middle of the image, in halves of its width
 
-    def lit(
-        self, tilt: RealArray, upright: RealArray, position: RealArray, *, softness: float
-    ) -> RealArray:
-        """Return the light on a surface, of this upright normal part, less that on a level one."""
-        along, across, height, level = self.seen_from(position, softness=softness)
-        cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
-        return np.asarray(softened(cosine, softness) - level)
-
     def seen_from(self, position: RealArray, *, softness: float) -> RealArray:
         """Return the direction to the lamp, of length 1, and its light on level gel, shape [4, n].
 
@@ -223,7 +215,11 @@ class ShadingTerms:
         """
         upright = np.sqrt(np.maximum(1.0 - tilt[0] ** 2 - tilt[1] ** 2, 0.0))
         place = np.stack([position[0], position[1] * self.aspect])
-        basic = [lamp.lit(tilt, upright, place, softness=self.softness) for lamp in self.lamps]
+        basic = []
+        for lamp in self.lamps:  # the light on the surface less that on a level one
+            along, across, height, level = lamp.seen_from(place, softness=self.softness)
+            cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
+            basic.append(np.asarray(softened(cosine, self.softness) - level))
         bounded = np.clip(curvature, -self.crease_limit, self.crease_limit)
         basic.append(bounded * CREASE_UNIT_M)
         terms = np.empty((len(basic), _PLACES, len(upright)), dtype=tilt.dtype)

@@ -34,24 +34,19 @@ class PixelBlocks:
         """Blocks that a row of pixels fills."""
         return -(-self.geometry.width // self.lanes)
 
-    @property
-    def plane_blocks(self) -> int:
-        """Blocks of one sample of all pixels, with the room around them."""
-        return (self.geometry.height + 2) * (self.row_blocks + 2)
-
     def layout(self) -> Any:
         """Return it for kernels."""
         fine = self.geometry.refined(self.samples)
         layout: Any = Layout()
         layout.rows, layout.columns = self.geometry.height, self.geometry.width
         layout.blocks, layout.pitch = self.row_blocks, self.row_blocks + 2
-        layout.plane, layout.samples = self.plane_blocks, self.samples
+        layout.plane, layout.samples = (layout.rows + 2) * layout.pitch, self.samples
         layout.half_per_x, layout.half_per_y = 0.5 / fine.scale_x_m, 0.5 / fine.scale_y_m
         return layout
 
     def planes(self, image_count: int) -> BlockMemory:
         """Return room for the samples of images."""
-        count = image_count * self.samples**2 * self.plane_blocks
+        count = image_count * self.samples**2 * int(self.layout().plane)
         return BlockMemory(1, count, self.lanes, self.device)
 
     def sample_planes(self, values: RealArray) -> Any:

@@ -181,21 +181,17 @@ class _Images:
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
+        taken = [self._along.shifted[:, 0], tilts[1], dents, self.change.blocks]
         return [
             self._by_blocks(kernels.lay_out_samples, [rest, self.dent, dents, height]),
             go_on(self._height),
             self._by_blocks(kernels.tilt_samples, [self._height.shifted[:, 0], *tilts]),
             go_on(self._along),
             go_on(self._across),
-            self._changed(colours),
+            self._by_blocks(colours.kernel, [*colours.inputs, *taken])
+            if colours.function is None
+            else [partial(self._call, colours.function)],
         ]
-
-    def _changed(self, colours: PixelColours) -> list[Task]:
-        if colours.function is not None:
-            return [partial(self._call, colours.function)]
-        tilts = [self._along.shifted[:, 0], self._across.blocks[0]]
-        taken = [*colours.inputs, *tilts, self._dents.blocks[0], self.change.blocks]
-        return self._by_blocks(colours.kernel, taken)
 
     def _call(self, function: SampleColours) -> None:
         """Have a NumPy function say the change of light of the samples, image by image."""
