@@ -10,7 +10,7 @@ from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas
 from sim.mesh.mirror_symmetry import WholeSurface
-from sim.scene.indenter import Indenter, MeshIndenter, grown, ring_walls
+from sim.scene.indenter import Indenter, MeshIndenter, grown, turned_triangles
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
@@ -332,11 +332,8 @@ def indenter_surface(indenter: Indenter, gel_m: float) -> tuple[FloatArray, IntA
         return indenter.surface.vertices, np.asarray(indenter.surface.faces, dtype=np.int32)
     widest = getattr(indenter, "radius_m", _PLATE_SHARE * gel_m)
     radii = widest * np.sin(0.5 * np.pi * np.arange(_RINGS + 1) / _RINGS)
-    angles = 2.0 * np.pi * np.arange(_SECTORS) / _SECTORS
-    x, y = (np.outer(radii, each).reshape(-1) for each in (np.cos(angles), np.sin(angles)))
-    points = np.column_stack([x, y, indenter.lower_surface(x * _INSIDE, y * _INSIDE)])
-    faces = ring_walls(np.arange(len(points), dtype=np.int32).reshape(-1, _SECTORS))
-    return points, np.asarray(faces, dtype=np.int32)
+    heights = indenter.lower_surface(radii * _INSIDE, np.zeros_like(radii))
+    return turned_triangles(radii, heights, _SECTORS)
 
 
 STATES = 24

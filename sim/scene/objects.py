@@ -60,11 +60,7 @@ def chisel() -> MeshIndenter:
 
 
 OBJECTS: dict[str, Callable[[], MeshIndenter]] = {
-    "bar": bar,
-    "hexagon": hexagon,
-    "cross": cross,
-    "ring": ring,
-    "ellipsoid": ellipsoid,
+    each.__name__: each for each in (bar, hexagon, cross, ring, ellipsoid)
 }
 
 

@@ -301,7 +301,8 @@ class PhotometricModel:
             indentation_m: Unloaded minus loaded height [m], shape [point_count].
             curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
         """
-        bounded = bounded_tilt(tilt, self.tilt_limit)
+        steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
+        bounded = np.asarray(tilt * (self.tilt_limit / np.maximum(steepness, self.tilt_limit)))
         depth = np.minimum(indentation_m, self.indentation_limit_m)
         change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
         if self.terms is not None:
@@ -406,12 +407,6 @@ def load_photometric(path: Path) -> PhotometricModel:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error
-
-
-def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
-    """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
-    steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
-    return np.asarray(tilt * (limit / np.maximum(steepness, limit)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:
