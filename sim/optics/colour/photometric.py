@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 FORMAT = "tacauchy photometric model 1"
 _NO_LIMIT_M = 1e3  # deeper than any gel
-_BAND = 4096
 _DIGITS = 16 ** np.arange(5)  # of a number for each term: no exponent reaches 16
 
 
@@ -121,19 +120,15 @@ def evaluate_polynomial(
 ) -> RealArray:
     """Return the polynomials' values, shape [3, point_count], in the precision of ``tilt``.
 
-    In bands of pixels that stay in the cache; terms that differ in place only share the rest.
+    Terms that differ in place only share the rest.
     """
     (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
     weights = np.zeros((len(places), 3, len(shapes)), dtype=tilt.dtype)
     weights[place_of, :, shape_of] = coefficients
-    values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
-    for start in range(0, tilt.shape[1], _BAND):
-        band = slice(start, start + _BAND)
-        at = tilt[:, band], position[:, band], indentation_m[band]
-        by_place = weights.reshape(-1, len(shapes)) @ monomials(*at, shapes)
-        by_place = by_place.reshape(len(places), 3, -1)
-        values[:, band] = np.einsum("kn,kcn->cn", monomials(*at, places), by_place)
-    return values
+    at = tilt, position, indentation_m
+    by_place = weights.reshape(-1, len(shapes)) @ monomials(*at, shapes)
+    by_place = by_place.reshape(len(places), 3, -1)
+    return np.asarray(np.einsum("kn,kcn->cn", monomials(*at, places), by_place))
 
 
 def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
