@@ -50,8 +50,7 @@ def test_a_slope_towards_a_lamp_is_lit_and_one_away_from_it_goes_dark() -> None:
     """Lambert's cosine towards the lamp; beyond the terminator nothing more is lost."""
     lamp = NearLamp(azimuth_rad=0.0, elevation_rad=0.2, distance=1e6)
     tilts = np.array([[0.5, -0.5, -0.7], [0.0, 0.0, 0.0]])
-    terms = replace(TERMS, lamps=(lamp,), softness=1e-6)
-    lit = terms.values(tilts, np.zeros((2, 3)), np.zeros(3))[0]
+    lit = replace(TERMS, lamps=(lamp,), softness=1e-6).values(tilts, 0.0 * tilts, 0.0 * tilts[0])[0]
     expected = math.cos(0.2) * 0.5 + math.sin(0.2) * (math.sqrt(0.75) - 1.0)
     assert lit[0] == pytest.approx(expected, abs=1e-5)
     np.testing.assert_allclose(lit[1:], -math.sin(0.2), atol=1e-5)
