@@ -225,6 +225,11 @@ def _sensor_of(data: dict[str, Any], origin: str, folder: Path) -> Sensor:
     has_surface = "surface" in (pad if isinstance(pad := data.get("pad"), dict) else ())
     kind = _SurfaceFile if has_surface else _File
     file = read_section(kind, data, where=f"{origin}: ", remedy=_REMEDY)
+    if "like" in file.optics:
+        with naming(f"{origin}: optics.like"):
+            other = read_toml(load(Kind.SENSOR, str(file.optics["like"])), remedy=_REMEDY)
+        own = {key: value for key, value in file.optics.items() if key != "like"}
+        data = {"lamps": other.get("lamps", []), **data, "optics": other.get("optics", {}) | own}
     with naming(origin):
         if (file.material is None) == (not file.layers):
             raise ConfigError(

@@ -129,6 +129,7 @@ GEL = TEXT[TEXT.index("[material]") : TEXT.index("[camera]")]
         (TEXT, 'young = { value = "0.435 MPa", ', "young = { ", "young.value: missing; write for"),
         (TEXT, "[camera]", "[camera", "not valid TOML"),
         (TEXT, "columns = 9", "columns = true", "markers.columns"),
+        (TEXT, 'kind = "photometric"', 'like = "radar"', 'optics.like: sensor "radar" is none of'),
         (LAYERED, 'value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
         (LAYERED, "share =", "thickness =", r"layers\[0\].share: missing"),
         (LAYERED, "[[layers]]", "[[layer]]", "layer: unknown key; did you mean layers"),
@@ -157,6 +158,7 @@ def test_built_in_sensors_have_optics() -> None:
     """Mini and DIGIT by lamps, DIGIT with shadows, 9DTact by a table that darkens."""
     mini, digit, tact = (load_sensor(name).optics for name in ("gelsight-mini", "digit", "9dtact"))
     assert len(mini.lamps) == len(digit.lamps) == 3
+    assert load_sensor("taxim-gelsight").optics == mini
     assert mini.shadows is None
     assert digit.shadows is not None
     assert tact.kind == "grey-depth"
