@@ -24,6 +24,7 @@ import numpy as np
 from sim.fields.pressure_and_shear import contact_forces
 from sim.mesh.elements import doubled_areas
 from sim.scene.scene import Output
+from sim.scene.triangle_surface import unit
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
@@ -144,7 +145,6 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     rest, bent = (doubled_areas(nodes, corners) for nodes in (before, now))
     sizes = np.linalg.norm(rest, axis=1)
     top = rest[:, 2] > _TOP_COSINE * sizes
-    units = (each[top] / np.linalg.norm(each[top], axis=1, keepdims=True) for each in (bent, rest))
     return PressOutputs(
         force_n=point.force_n,
         stiffness_n_m=point.stiffness_n_m,
@@ -156,7 +156,7 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         pressure_pa=contact.normal_n.sum(axis=1) / areas,
         shear_pa=contact.tangential_n.sum(axis=1) / areas[:, None],
         top_m2=copies * 0.5 * sizes[top],
-        slopes=np.subtract(*units),
+        slopes=unit(bent[top]) - unit(rest[top]),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],
     )
 

@@ -11,6 +11,7 @@ from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas
 from sim.mesh.mirror_symmetry import WholeSurface
 from sim.scene.indenter import Indenter, MeshIndenter, grown, turned_triangles
+from sim.scene.triangle_surface import renumbered
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
@@ -129,7 +130,7 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     apart[recovered.pressure_pa == 0.0] = 0.0
     across = np.einsum("ni,ni->n", apart, recovered.normals)
     along = np.linalg.norm(apart - across[:, None] * recovered.normals, axis=1)
-    nodes, faces = _renumbered(model.faces)
+    nodes, faces = renumbered(model.faces)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     parents = model.face_parents
     return TrialFields(
@@ -187,7 +188,7 @@ def top_surface(model: Model) -> TopSurface:
     """Return the whole contact surface at rest; a part of a pad is mirrored."""
     normals = doubled_areas(model.nodes, model.faces)
     looks_up = normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1)
-    nodes, faces = _renumbered(model.faces[looks_up])
+    nodes, faces = renumbered(model.faces[looks_up])
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     return TopSurface(
         rest=whole.at_nodes(model.nodes[nodes]),
@@ -196,12 +197,6 @@ def top_surface(model: Model) -> TopSurface:
         signs=whole.signs,
         mesh_axis_m=model.mesh.axis_m,
     )
-
-
-def _renumbered(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the nodes that faces use, and the faces in their numbering."""
-    nodes, local = np.unique(faces, return_inverse=True)
-    return nodes, local.reshape(faces.shape).astype(np.int32)
 
 
 KEPT = 12

@@ -19,6 +19,7 @@ import scipy.sparse
 
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import WholeSurface
+from sim.scene.triangle_surface import renumbered, unit
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
@@ -71,12 +72,6 @@ def contact_forces(point: PathPoint) -> ContactTraction:
     )
 
 
-def unit(vectors: FloatArray) -> FloatArray:
-    """Return vectors of length one, zero where there is none, shape [..., 3]."""
-    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(sizes, 1e-300))
-
-
 def surface_traction(model: Model, point: PathPoint) -> SurfaceTraction:
     """Recover the contact's traction at the nodes."""
     vectors = model.surface.area_vectors(point.state.positions)
@@ -102,9 +97,9 @@ def _fitted(
     The contact points are those of the whole surface; their areas are of the deformed one [m^2].
     """
     contact, split = point.equilibrium.contact, contact_forces(point)
-    nodes, local = np.unique(model.faces, return_inverse=True)
+    nodes, local = renumbered(model.faces)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
-    faces = whole.copies(local.reshape(model.faces.shape).astype(np.int32))
+    faces = whole.copies(local)
     loads = (
         np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2) / areas[..., None]
     )

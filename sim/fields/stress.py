@@ -18,6 +18,7 @@ from sim.fields.stress_projection_kernel import projection_kernel
 from sim.mesh.clamping_and_sparsity import assembled
 from sim.mesh.elements import EDGES, boundary_faces, shape_gradients
 from sim.mesh.mesh_and_cache import tet_volumes
+from sim.scene.triangle_surface import renumbered
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 
@@ -126,8 +127,7 @@ def recovered_stress(model: Model, positions: FloatArray, chosen: BoolArray) -> 
         chosen: Which tetrahedra are of the layer, shape [tet_count].
     """
     corners = model.elements[chosen, :4]
-    vertices, local = np.unique(corners, return_inverse=True)
-    local = local.reshape(corners.shape)
+    vertices, local = renumbered(corners)
     values, weights = model.reference.points, model.reference.weights
     volumes = tet_volumes(model.nodes, corners)
     blocks = volumes[:, None, None] * np.einsum("q,qa,qb->ab", weights, values, values)

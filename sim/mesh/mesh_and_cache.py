@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.mesh.elements import FACES
+from sim.mesh.elements import FACES, doubled_areas
 from sim.mesh.mirror_symmetry import MirrorSymmetry
+from sim.scene.triangle_surface import renumbered, unit
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.store.atomic_write import write_atomically
@@ -54,8 +55,7 @@ def tet_volumes(vertices: FloatArray, tets: IntArray) -> FloatArray:
 
 def oriented(mesh: TetMesh) -> TetMesh:
     """Return a mesh with unused vertices dropped and every tetrahedron turned positive."""
-    used, inverse = np.unique(mesh.tets, return_inverse=True)
-    tets = inverse.reshape(-1, 4).astype(np.int32)
+    used, tets = renumbered(mesh.tets)
     vertices = np.ascontiguousarray(mesh.vertices[used], dtype=np.float64)
     negative = tet_volumes(vertices, tets) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
@@ -75,10 +75,7 @@ def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
 
 def smallest_dihedral_deg(mesh: TetMesh) -> float:
     """Return the smallest angle between two faces of a tetrahedron [deg]."""
-    corners, normals = mesh.vertices[mesh.tets], []
-    for a, b, c in FACES:
-        n = np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
-        normals.append(n / np.linalg.norm(n, axis=1, keepdims=True))
+    normals = [unit(doubled_areas(mesh.vertices, mesh.tets[:, list(face)])) for face in FACES]
     cosines = [
         -np.einsum("ij,ij->i", normals[i], normals[j]) for i in range(4) for j in range(i + 1, 4)
     ]

@@ -13,6 +13,7 @@ import numpy as np
 
 from sim.mesh.mesh_and_cache import TetMesh, oriented
 from sim.mesh.revolved_mesh import triangulated
+from sim.scene.indenter import ring_walls
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
@@ -194,15 +195,10 @@ def pad_surface(
     top = np.column_stack([plan, pad.height_at(plan[:, 0], plan[:, 1])])
     bottom = np.column_stack([plan, np.zeros(len(plan))])
     triangles = triangulated(plan)
-    rim = np.arange(rim_count)
-    after, below = np.roll(rim, -1), rim + len(plan)
-    walls = [
-        np.column_stack([below, np.roll(below, -1), after]),
-        np.column_stack([below, after, rim]),
-    ]
+    walls = ring_walls(np.arange(rim_count) + np.array([[len(plan)], [0]]))
     sheets = [np.column_stack([plan, share * top[:, 2]]) for share in interface_shares]
     cuts = [triangles + (2 + number) * len(plan) for number in range(len(sheets))]
-    faces = np.concatenate([triangles, triangles[:, ::-1] + len(plan), *walls, *cuts])
+    faces = np.concatenate([triangles, triangles[:, ::-1] + len(plan), walls, *cuts])
     return np.concatenate([top, bottom, *sheets]), faces.astype(np.int32)
 
 

@@ -110,9 +110,7 @@ class MeshIndenter:
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
-
-        return underside(self.surface, rounding_m=self.rounding_m)(x, y)
+        return TurnedIndenter(indenter=self, rotation=np.eye(3)).lower_surface(x, y)
 
     @property
     def size_m(self) -> FloatArray:

@@ -178,8 +178,14 @@ def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     _, first = np.unique(group, return_index=True)
     faces = np.asarray(group[inverse.reshape(-1)][faces], dtype=np.int32)
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    used, inverse = np.unique(faces[whole], return_inverse=True)
-    return vertices[first][used], inverse.reshape(-1, 3).astype(np.int32)
+    used, faces = renumbered(faces[whole])
+    return vertices[first][used], faces
+
+
+def renumbered(cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the nodes that faces or tetrahedra use, and those in their numbering."""
+    nodes, local = np.unique(cells, return_inverse=True)
+    return nodes, local.reshape(cells.shape).astype(np.int32)
 
 
 def _neighbours(faces: IntArray, vertex_count: int, name: str) -> IntArray:
@@ -220,17 +226,18 @@ def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatAr
     ahead = np.roll(corners, -1, axis=1) - corners
     back = np.roll(corners, 1, axis=1) - corners
     area = np.cross(ahead[:, 0], back[:, 0])
-    face_normals = _unit(area)
+    face_normals = unit(area)
     angles = np.arctan2(
         np.linalg.norm(np.cross(ahead, back), axis=2), np.einsum("fki,fki->fk", ahead, back)
     )
     sums = np.zeros_like(vertices)
     np.add.at(sums, faces, angles[..., None] * face_normals[:, None])
-    return face_normals, _unit(sums)
+    return face_normals, unit(sums)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+def unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors of length one, zero where there is none, shape [..., n]."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
