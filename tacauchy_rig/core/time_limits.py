@@ -1,6 +1,6 @@
 """Time limit and progress of a long computation.
 
-Callers limit the time and listen; what computes says what it does and asks, far down, whether time
+Callers limit the time and listen; what computes says, far down, what it does, and asks whether time
 is left. Both hold for the thread that began them.
 """
 
@@ -19,6 +19,7 @@ _SILENT_S, _TICK_SHARE = 2.0, 0.1
 
 _end: ContextVar[tuple[float, float]] = ContextVar("_end", default=(math.inf, math.inf))
 _steps: ContextVar[list[str] | None] = ContextVar("_steps", default=None)
+_listener: ContextVar[Callable[[str], None]] = ContextVar("_listener", default=lambda _: None)
 
 
 @contextmanager
@@ -102,6 +103,21 @@ def told(say: Callable[[str], None], *, silent_s: float = _SILENT_S) -> Iterator
         over.set()
         teller.join()
         _steps.reset(token)
+
+
+@contextmanager
+def heard(listener: Callable[[str], None]) -> Iterator[None]:
+    """Have one listener told every line of progress that is said within."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+def say(line: str) -> None:
+    """Tell whoever listens a line of progress."""
+    _listener.get()(line)
 
 
 class Remaining:

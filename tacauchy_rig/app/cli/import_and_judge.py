@@ -150,11 +150,13 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
     from tacauchy_rig.app.judging.task_and_baseline import check_empty, rigid_outputs, write_outputs
+    from tacauchy_rig.core.time_limits import heard
 
     folder = out / baseline.value
     check_empty(folder)
     calibrate = emulated_calibration(reading.store)
-    found = rigid_outputs(reading, calibrate=calibrate, on_progress=say)
+    with heard(say):
+        found = rigid_outputs(reading, calibrate=calibrate)
     write_outputs(folder, found)
     say(f"wrote {len(found.presses)} presses to {folder}")
     return folder

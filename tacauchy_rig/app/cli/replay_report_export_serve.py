@@ -77,15 +77,16 @@ def _watch(run: RunReading, given: Path | None) -> None:
     from tacauchy_rig.app.replay.chosen_optics import optics_of
     from tacauchy_rig.app.replay.simulator_inputs import sensor_of
     from tacauchy_rig.app.twin.run_follower import watch_run
+    from tacauchy_rig.core.time_limits import heard
 
     config = run.store.config
-    optics = optics_of(
-        config.sensor.optics_calibration if given is None else str(given),
-        sensor_of(config),
-        calibrate=emulated_calibration(run.store),
-        on_progress=say,
-    )
-    say(f"page {watch_run(run, optics=optics, on_progress=say).resolve()}")
+    with heard(say):
+        optics = optics_of(
+            config.sensor.optics_calibration if given is None else str(given),
+            sensor_of(config),
+            calibrate=emulated_calibration(run.store),
+        )
+        say(f"page {watch_run(run, optics=optics).resolve()}")
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
@@ -145,19 +146,17 @@ def replay_and_show(
     page: Viewing | None = None,
 ) -> None:
     """Replay a run, and print the stated error of its forces; a page is told, too."""
-    from tacauchy_rig.core.time_limits import doing, told
+    from tacauchy_rig.core.time_limits import doing, heard, told
 
     def show(text: str) -> None:
         say(text)
         tell(page, "analysing", text.strip())
 
     try:
-        with told(show), doing("replay"):
+        with told(show), heard(show), doing("replay"):
             from tacauchy_rig.app.replay.replay import replay_run
 
-            replay = replay_run(
-                run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
-            )
+            replay = replay_run(run, tolerance=tolerance, optics_file=optics, calibrate=calibrate)
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",

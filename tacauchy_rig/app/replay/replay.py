@@ -8,13 +8,7 @@ from pathlib import Path
 
 from reports.evidence.frames_and_curves import RunReading
 from sim.tolerance import Tolerance
-from tacauchy_rig.app.replay.chosen_optics import (
-    Calibrate,
-    OpticalCalibration,
-    Say,
-    optics_of,
-    say_nothing,
-)
+from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.press_grouping import (
     Part,
@@ -34,6 +28,7 @@ from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
+from tacauchy_rig.core.time_limits import say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
@@ -47,7 +42,6 @@ def replay_run(
     tolerance: Tolerance | None = None,
     optics_file: Path | None = None,
     calibrate: Calibrate | None = None,
-    on_progress: Say = say_nothing,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -69,40 +63,39 @@ def replay_run(
     check_optics(config, sensor, given)
     measured_records(run)  # refuses a run without any, before anything is simulated
     parts = [part for part in parts if part.records]
-    are_many, say_once = len(parts) > 1, cache(on_progress)
+    are_many = len(parts) > 1
 
     @cache
     def optics() -> OpticalCalibration:
-        return optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
+        return optics_of(given, sensor, calibrate=calibrate)
 
     def replayed(
         parts: Sequence[Part], name: str = REPLAY_NAME, afterwards_s: float = 0.0
     ) -> _Replayed:
         if are_many:
-            return replay_parts(
-                run, parts, optics(), name=name, afterwards_s=afterwards_s, on_progress=on_progress
-            ), {}
-        pressed = press_together(parts[0], on_progress=on_progress)
+            return replay_parts(run, parts, optics(), name=name, afterwards_s=afterwards_s), {}
+        pressed = press_together(parts[0])
         replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())
         return [replay], files
 
-    tilts = [
-        mounted([run.read(r) for r in part.records], part.inputs, config, on_progress=say_once)
-        for part in parts
-    ]
+    tilts = [mounted([run.read(r) for r in part.records], part.inputs, config) for part in parts]
+    rows = [row for tilt in tilts for row in tilt.effects]
+    lines = (f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}" for row in rows)
+    for line in dict.fromkeys(lines):
+        say(line)
     parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
     places: list[tuple[FoundValue, ...]] = [()] * len(parts)
     done: _Replayed | None = None
     if config.replay.pose is PoseSource.FOUND:
         some = parts
         if are_many:
-            on_progress("finding the place of each indenter from some of its presses")
+            say("finding the place of each indenter from some of its presses")
             some = [parts[k] for k in some_of_each(parts)]
         done = replayed(some, PROBES_NAME)
         places = _found_places(run, parts, _images(run, *done, PROBES_NAME), optics())
         moves = [offset_of(place) for place in places]
         if not are_many and moves[0] is not None:
-            on_progress("  images show the contact at another place: pressing again there")
+            say("  images show the contact at another place: pressing again there")
         if are_many or moves[0] is not None:
             done = None
         parts = [
@@ -113,7 +106,7 @@ def replay_run(
     replays, files = done or replayed(parts, afterwards_s=afterwards_s)
     found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
-    inputs, residual = _uncertainties(run, parts, found, replays, images, optics(), on_progress)
+    inputs, residual = _uncertainties(run, parts, found, replays, images, optics())
     models = [
         replace(
             each.model,
@@ -180,7 +173,6 @@ def _uncertainties(
     replays: Sequence[Replay],
     images: dict[int, ImageArray],
     optics: OpticalCalibration,
-    on_progress: Say,
 ) -> tuple[list[tuple[ForceInput, ...]], ResidualSplit | None]:
     """Return what uncertain inputs change of each part's forces, and what splits the residual.
 
@@ -188,7 +180,7 @@ def _uncertainties(
     each indenter, where it was pressed deepest: the place hardly matters.
     """
     config = run.store.config
-    on_progress("computing the effect of uncertain inputs on the force")
+    say("computing the effect of uncertain inputs on the force")
     with worker_process() as worker:
         jobs: dict[int, Future[tuple[ForceInput, ...]]] = {}
         for numbers in tools_of(parts):
@@ -198,7 +190,7 @@ def _uncertainties(
                 force_inputs, parts[deepest].inputs, config, depths_m, found[deepest]
             )
             jobs |= dict.fromkeys(numbers, job)
-        on_progress("estimating the causes of the image residual")
+        say("estimating the causes of the image residual")
         split = [
             SplitPart(
                 attempts=[run.read(record) for record in part.records],
@@ -207,5 +199,5 @@ def _uncertainties(
             )
             for part, replay in zip(parts, replays, strict=True)
         ]
-        residual = split_images(split, images, optics, config, on_progress=on_progress)
+        residual = split_images(split, images, optics, config)
         return [jobs[k].result() for k in range(len(parts))], residual

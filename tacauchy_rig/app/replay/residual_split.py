@@ -17,7 +17,7 @@ from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
 from sim.tilt_sensitivity import COARSE, can_tilt
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.input_uncertainty import NEARLY_UPRIGHT, rounded_rim
 from tacauchy_rig.app.replay.rendering import image_of
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
@@ -26,6 +26,7 @@ from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
+from tacauchy_rig.core.time_limits import say
 
 MOST_TRIALS, _MOST_PARTS = 12, 6
 """Trials that are pressed again, spread evenly over the forces: each takes two seconds."""
@@ -57,8 +58,6 @@ def split_images(
     images: Mapping[int, ImageArray],
     optics: OpticalCalibration,
     config: RigConfig,
-    *,
-    on_progress: Say,
 ) -> ResidualSplit | None:
     """Split the residual of a replay's images by its causes; None where that is not possible.
 
@@ -67,11 +66,11 @@ def split_images(
     """
     pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
     if len(pressable) < len(parts):
-        on_progress("  the residual is not split for mesh indenters: their presses take minutes")
+        say("  the residual is not split for mesh indenters: their presses take minutes")
     found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
     chosen = spread(found, _MOST_PARTS)
     again = [
-        _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress)
+        _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config)
         for inputs, presses in chosen
     ]
     seen = {press.index: press.images for part in again for press in part.presses}
@@ -84,7 +83,7 @@ def split_images(
             pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
         )
     except RigError as error:
-        on_progress(f"  the residual is not split because a coarse press failed: {error.message}")
+        say(f"  the residual is not split because a coarse press failed: {error.message}")
         return None
 
 
@@ -121,11 +120,10 @@ class _Again:
     inputs: ReplayInputs
     optics: OpticalCalibration
     config: RigConfig
-    on_progress: Say
 
     def modes(self) -> Iterator[Mode]:
         """Yield every mode."""
-        self.on_progress(f"  {len(self.presses)} images: coarse presses with other forces")
+        say(f"  {len(self.presses)} images: coarse presses with other forces")
         forces_n = [press.force_n for press in self.presses]
         tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})
         upright = self._pressed(self.inputs.tilted(NEARLY_UPRIGHT, 0.0), tried)
@@ -134,12 +132,12 @@ class _Again:
         base = self._seen(even)
         by_force = _apart(self._seen(more), self._seen(less), 1.0 / (_MORE - 1.0 / _MORE))
         yield from self._of_force(by_force)
-        self.on_progress("  coarse presses with another Poisson's ratio and other tilts")
+        say("  coarse presses with another Poisson's ratio and other tilts")
         yield from self._of_material(by_force, base)
         if can_tilt(self.inputs.indenter):
             yield from self._of_tilt()
         change = {press.index: base[press.index] - press.bare for press in self.presses}
-        self.on_progress("  images with other lamps, blur and scale")
+        say("  images with other lamps, blur and scale")
         yield from self._of_light(change)
         yield from self._of_optics(change, even, base)
 

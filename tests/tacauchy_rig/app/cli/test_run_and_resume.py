@@ -29,6 +29,7 @@ from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, Rig
 from tacauchy_rig.core.known_weight import Weight, parse_weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limits import heard, say
 from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.test_force_sensor_gain import weighed
 
@@ -240,7 +241,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Each calibration of a sensor, by name."""
     made: list[str] = []
 
-    def calibrate(sensor: Any, say: Any) -> Any:
+    def calibrate(sensor: Any) -> Any:
         made.append(sensor.name)
         say("calibrating")
         return FOUND
@@ -255,7 +256,8 @@ def test_what_began_while_recording_is_not_done_again(calls: list[str]) -> None:
     with ThreadPoolExecutor(1) as worker:
         calibrate = begin_calibration(_store(), worker)
         assert calibrate is not None
-        assert calibrate(HERE, said.append) is FOUND
+        with heard(said.append):
+            assert calibrate(HERE) is FOUND
     assert (calls, said) == (["gelsight-mini"], ["calibrating"])
 
 
@@ -267,7 +269,8 @@ def test_a_killed_worker_is_named_and_the_calibration_done_here(calls: list[str]
     calibrate = begin_calibration(_store(), broken)
     said: list[str] = []
     assert calibrate is not None
-    assert calibrate(HERE, said.append) is FOUND
+    with heard(said.append):
+        assert calibrate(HERE) is FOUND
     assert calls == ["here"]
     assert "calibrating again" in said[0]
 

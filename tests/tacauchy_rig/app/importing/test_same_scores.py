@@ -18,11 +18,12 @@ from reports.comparison.result_types import TrialResult
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, optics_of
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limits import heard
 from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.tacauchy_rig.app.importing.sources import write_bag, write_csv, write_video
 
@@ -35,15 +36,16 @@ FORMATS: dict[str, Write] = {
 }
 
 
-def calibrated(file: str, sensor: Sensor, say: Say) -> OpticalCalibration:
+def calibrated(file: str, sensor: Sensor) -> OpticalCalibration:
     """Return the optics of a file, as an imported run names it."""
-    return optics_of(file, sensor, calibrate=None, on_progress=say)
+    return optics_of(file, sensor, calibrate=None)
 
 
 def scored(store: RunStore, optics: str = "") -> tuple[TrialResult, ...]:
     """Replay and report a run."""
     calibrate = partial(calibrated, optics) if optics else None
-    replay_run(open_run(store.paths.root), calibrate=calibrate, on_progress=print)
+    with heard(print):
+        replay_run(open_run(store.paths.root), calibrate=calibrate)
     return report_run(open_run(store.paths.root))[0].trials
 
 

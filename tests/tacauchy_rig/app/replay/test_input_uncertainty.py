@@ -120,7 +120,7 @@ def _split(true: Mapping[int, ImageArray], believed: ReplayInputs) -> ResidualSp
     ]
     config = load_config().config
     part = SplitPart(attempts=attempts, inputs=believed)
-    return split_images([part], _images(believed), optics, config, on_progress=lambda _: None)
+    return split_images([part], _images(believed), optics, config)
 
 
 @pytest.mark.slow
