@@ -104,7 +104,7 @@ class SessionProgress:
         self._open_page = open_page
         self._trial_count = len(config.protocol.force_targets)
         self._tolerance_n = config.protocol.force_tolerance
-        self._soft_force_n = config.limits.soft_force
+        self._limit_n = config.limits.soft_force
         self._target_n: float | None = None
         self._trial = 0
         self._left = TimeLeft(config, plan, expected)
@@ -161,24 +161,32 @@ class SessionProgress:
             say(f"  {self._phase}")
 
     def _update(self, event: JournalEvent) -> None:
-        if not console.is_terminal:
-            return
-        detail = event.detail
         # Other events carry neither force nor height; the last ones stay shown.
-        self._force_n = detail.get("force_n", self._force_n)
-        self._height_m = detail.get("height_m", self._height_m)
-        lines = live_lines(
-            step=self._phase,
-            trial=f"trial {self._trial} of {self._trial_count}" if self._trial else "",
-            force_n=self._force_n,
-            target_n=self._target_n,
-            tolerance_n=self._tolerance_n,
-            limit_n=self._soft_force_n,
-            height_m=self._height_m,
-            left_s=self._left.seconds(time.monotonic_ns()),
-            width=console.width,
-        )
-        self._live.update(lines)
+        self._force_n = event.detail.get("force_n", self._force_n)
+        self._height_m = event.detail.get("height_m", self._height_m)
+        if console.is_terminal:
+            self._live.update(self.lines(console.width))
+
+    def lines(self, width: int) -> Group:
+        """Return what is shown; a narrow terminal cuts ends off, and what matters most is first.
+
+        The bar ends at the limit.
+        """
+        force_n, target_n, limit_n = self._force_n, self._target_n, self._limit_n
+        trial = f"trial {self._trial} of {self._trial_count}" if self._trial else ""
+        target = "" if target_n is None else f" of {target_n:.3f} ± {self._tolerance_n:g} N,"
+        force = f"  {0.0 if force_n is None else force_n:6.3f} N "
+        after = f"{target} limit {limit_n:g} N"
+        room = width - len(force) - len(after) - 1
+        bar = force_bar(force_n, target_n, limit_n=limit_n, width=room)
+        place = "" if self._height_m is None else f"   z {self._height_m * 1e3:.3f} mm"
+        left_s = self._left.seconds(time.monotonic_ns())
+        left = "" if left_s is None else f"   about {clock(left_s)} left"
+        when_and_where = f"{left}{place}".lstrip()
+        lines = (f"  {self._phase}   {trial}", f"{force}{bar}{after}", f"  {when_and_where}")
+        texts = [Text(line, no_wrap=True, overflow="crop") for line in (*lines, f"  {HOW_TO_STOP}")]
+        texts[-1].stylize("bold")
+        return Group(*texts)
 
 
 def _ended(event: JournalEvent) -> str:
@@ -192,35 +200,6 @@ def _ended(event: JournalEvent) -> str:
     if detail.get("reason"):
         text += f" ({detail['reason']})"
     return text
-
-
-def live_lines(
-    *,
-    step: str,
-    trial: str,
-    force_n: float | None,
-    target_n: float | None,
-    tolerance_n: float,
-    limit_n: float,
-    height_m: float | None,
-    left_s: float | None,
-    width: int,
-) -> Group:
-    """Return the lines; a narrow terminal cuts ends off, and what matters most stands first.
-
-    Before the first force, target or expected duration, that is None; the bar ends at the limit.
-    """
-    target = "" if target_n is None else f" of {target_n:.3f} ± {tolerance_n:g} N,"
-    force = f"  {0.0 if force_n is None else force_n:6.3f} N "
-    after = f"{target} limit {limit_n:g} N"
-    bar = force_bar(force_n, target_n, limit_n=limit_n, width=width - len(force) - len(after) - 1)
-    place = "" if height_m is None else f"   z {height_m * 1e3:.3f} mm"
-    left = "" if left_s is None else f"   about {clock(left_s)} left"
-    when_and_where = f"{left}{place}".lstrip()
-    lines = (f"  {step}   {trial}", f"{force}{bar}{after}", f"  {when_and_where}")
-    texts = [Text(line, no_wrap=True, overflow="crop") for line in (*lines, f"  {HOW_TO_STOP}")]
-    texts[-1].stylize("bold")
-    return Group(*texts)
 
 
 def force_bar(force_n: float | None, target_n: float | None, *, limit_n: float, width: int) -> str:
