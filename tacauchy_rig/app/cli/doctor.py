@@ -7,13 +7,6 @@ import typer
 from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, say, write_json
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
 
-_MARKS = {
-    CheckStatus.OK: "ok  ",
-    CheckStatus.WARN: "warn",
-    CheckStatus.FAIL: "FAIL",
-    CheckStatus.SKIP: "skip",
-}
-
 
 def doctor(
     path: ConfigFile = None,
@@ -57,7 +50,8 @@ def doctor(
 
 
 def _show(check: CheckResult) -> None:
-    say(f"{_MARKS[check.status]}  {check.name}: {check.finding}")
+    mark = "FAIL" if check.status is CheckStatus.FAIL else check.status
+    say(f"{mark:4}  {check.name}: {check.finding}")
     if check.remedy and check.status in (CheckStatus.WARN, CheckStatus.FAIL):
         say(f"      -> {check.remedy}")
 
