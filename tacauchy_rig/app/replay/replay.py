@@ -20,7 +20,7 @@ from tacauchy_rig.app.replay.press_grouping import (
 )
 from tacauchy_rig.app.replay.pressed_parts import PROBES_NAME, press_together, replay_parts
 from tacauchy_rig.app.replay.rendering import rendered
-from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import check_optics
 from tacauchy_rig.app.replay.tilt_and_place import find_offset, mounted, offset_of
 from tacauchy_rig.core.arrays import ImageArray
@@ -191,13 +191,12 @@ def _uncertainties(
             )
             jobs |= dict.fromkeys(numbers, job)
         say("estimating the causes of the image residual")
-        split = [
-            SplitPart(
-                attempts=[run.read(record) for record in part.records],
-                inputs=part.inputs.stiffer(replay.model.modulus_factor or 1.0),
-                forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
-            )
+        inputs = [
+            part.inputs.stiffer(replay.model.modulus_factor or 1.0)
             for part, replay in zip(parts, replays, strict=True)
         ]
-        residual = split_images(split, images, optics, config)
+        attempts = [[run.read(record) for record in part.records] for part in parts]
+        forces_n = {t.index: t.force_simulated_n for replay in replays for t in replay.trials}
+        split = list(zip(inputs, attempts, strict=True))
+        residual = split_images(split, images, forces_n, optics, config)
         return [jobs[k].result() for k in range(len(parts))], residual

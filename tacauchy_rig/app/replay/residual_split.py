@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,32 +43,25 @@ _COLOURS = ("red", "green", "blue")
 Images = dict[int, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SplitPart:
-    """Trials of one indenter at one place."""
-
-    attempts: Sequence[AttemptReading]
-    inputs: ReplayInputs  # of the replay, with the modulus that it was pressed with
-    # Simulated forces, used for trials without a measured one [N]
-    forces_n: Mapping[int, float] = field(default_factory=dict)
-
-
 def split_images(
-    parts: Sequence[SplitPart],
+    parts: Sequence[tuple[ReplayInputs, Sequence[AttemptReading]]],
     images: Mapping[int, ImageArray],
+    forces_n: Mapping[int, float],
     optics: OpticalCalibration,
     config: RigConfig,
 ) -> ResidualSplit | None:
     """Split the residual of a replay's images by its causes; None where that is not possible.
 
     Args:
-        parts: Each has its own coarse presses; the unknowns are common to all.
+        parts: Trials of one indenter at one place, with the modulus that they were pressed with.
+            Each has its own coarse presses; the unknowns are common to all.
+        forces_n: Simulated, for trials without a measured one [N].
     """
-    pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
+    pressable = [part for part in parts if not isinstance(part[0].indenter, MeshIndenter)]
     if len(pressable) < len(parts):
         say("  the residual is not split for mesh indenters: their presses take minutes")
-    found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
-    chosen = spread(found, _MOST_PARTS)
+    found = [(inputs, _presses(attempts, images, forces_n)) for inputs, attempts in pressable]
+    chosen = spread([part for part in found if part[1]], _MOST_PARTS)
     again = [
         _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config)
         for inputs, presses in chosen
@@ -97,12 +90,16 @@ class _Press:
     bare: ImageArray
 
 
-def _presses(part: SplitPart, images: Mapping[int, ImageArray]) -> list[_Press]:
-    """Return the presses of a part that can be pressed again, the smallest force first."""
+def _presses(
+    attempts: Sequence[AttemptReading],
+    images: Mapping[int, ImageArray],
+    forces_n: Mapping[int, float],
+) -> list[_Press]:
+    """Return those that can be pressed again, the smallest force first."""
     found = []
-    for attempt in part.attempts:
+    for attempt in attempts:
         record = attempt.record
-        force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
+        force_n = record.force_measured_n or forces_n.get(record.index, 0.0)
         if force_n <= 0.0 or record.index not in images or attempt.images is None:
             continue
         reference = attempt.images.reference

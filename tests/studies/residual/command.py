@@ -19,7 +19,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.press_grouping import measured_attempts
-from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
@@ -134,8 +134,8 @@ def split_planted(bench: Bench, cause: Cause | None, *, seed: int) -> Ranked | N
     if cause is not None:
         random = np.random.default_rng([seed, list(PLANTS).index(cause)])
         believed, planted = PLANTS[cause](believed, random)
-    part = SplitPart(attempts=measured_attempts(believed.run), inputs=believed.inputs)
-    split = split_images([part], _images(believed), believed.optics, bench.run.store.config)
+    part = believed.inputs, measured_attempts(believed.run)
+    split = split_images([part], _images(believed), {}, believed.optics, bench.run.store.config)
     if split is None:
         return None
     name = f"seed {bench.run.store.description.get('seed')}"
