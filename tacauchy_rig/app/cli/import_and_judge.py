@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sim.scene.scene import Drive, Preset
 from tacauchy_rig.app.cli.output import (
     JsonFile,
     Overrides,
@@ -19,7 +20,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
 )
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limits import doing, heard
 
 if TYPE_CHECKING:
     from reports.evidence.evidence_types import RunEvidence
@@ -71,8 +72,6 @@ def import_(
 
 def _check(config: RigConfig) -> None:
     """Refuse what nothing can be replayed with; the simulator is only loaded to ask for more."""
-    from sim.scene.scene import Drive, Preset
-
     replay = config.replay
     is_plain = replay.preset in {"auto", *Preset} and replay.drive in set(Drive)
     if not is_plain or replay.tolerance is not None or replay.law is not None:
@@ -150,7 +149,6 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
     from tacauchy_rig.app.judging.task_and_baseline import check_empty, rigid_outputs, write_outputs
-    from tacauchy_rig.core.time_limits import heard
 
     folder = out / baseline.value
     check_empty(folder)

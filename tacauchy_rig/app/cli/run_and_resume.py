@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.device_checks import require_devices
 from tacauchy_rig.app.cli.live_viewing import TWIN_WORDS, port_of, told_of_errors, viewers_of
 from tacauchy_rig.app.cli.output import (
     JsonFile,
@@ -23,14 +24,15 @@ from tacauchy_rig.app.cli.output import (
     takes,
 )
 from tacauchy_rig.core.check_result import CheckStatus
+from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config, resumed_config
+from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
+from tacauchy_rig.core.known_weight import Weight, parse_weight
+from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.time_limits import doing
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
-    from tacauchy_rig.core.config.load import LoadedConfig
-    from tacauchy_rig.core.config.settings import RigConfig
-    from tacauchy_rig.core.known_weight import Weight
     from tacauchy_rig.core.store.run_store import RunStore
 
 EMULATED_WEIGHT = "200g"
@@ -93,8 +95,6 @@ class Request:
     @property
     def weight(self) -> Weight | None:
         """Checks the cell before anything moves; None leaves that out."""
-        from tacauchy_rig.core.known_weight import parse_weight
-
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
@@ -104,8 +104,6 @@ def dry_run(request: Request, overrides: Overrides = None) -> None:
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
     """
-    from tacauchy_rig.core.config.load import default_text, load_config
-
     loaded = load_config(None, overrides=overrides or ())
     if loaded.config.moves_real_hardware:
         raise AbortedError(
@@ -122,8 +120,6 @@ def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None)
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
-    from tacauchy_rig.core.config.load import load_config
-
     loaded = load_config(path, overrides=overrides or ())
     store = _created(loaded, path.read_text("utf-8"), press_only=request.press_only)
     _press_and_report(store, store.config, request)
@@ -146,10 +142,8 @@ def resume(
             in the journal.
         again (TRIAL): Press a passed trial once more.
     """
-    from drivers.device_checks import require_devices
     from tacauchy_rig.app.cli.replay_report_export_serve import say_recovered
     from tacauchy_rig.app.session.record_and_weigh import note_changes
-    from tacauchy_rig.core.config.load import resumed_config
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 
@@ -185,7 +179,6 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
     Raises:
         RecordError: It could not be pressed; also where a trial missed a criterion.
     """
-    from tacauchy_rig.core.config.load import default_text, load_config
     from tacauchy_rig.core.store.run_store import RunStore
 
     if path is not None and path.is_dir():
@@ -201,7 +194,6 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
 @doing("preparing the run")
 def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
-    from drivers.device_checks import require_devices
     from tacauchy_rig.app.session.record_and_weigh import create_run
 
     _check_before(loaded.config, press_only=press_only)
@@ -264,7 +256,6 @@ def _press_confirmed(
         require_bounded_force,
         standing_check,
     )
-    from tacauchy_rig.core.run import Outcome
 
     if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
         request = replace(request, check_weight=EMULATED_WEIGHT)  # hung without a hand
@@ -313,7 +304,6 @@ def press(
     from tacauchy_rig.app.cli.progress_and_weight_prompt import SessionProgress
     from tacauchy_rig.app.session.expected_force import kept_expectation
     from tacauchy_rig.app.session.record_and_weigh import record_run
-    from tacauchy_rig.core.run import Outcome
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
