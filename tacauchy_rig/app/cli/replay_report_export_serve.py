@@ -150,10 +150,12 @@ def replay_and_show(
         tell(page, "analysing", text.strip())
 
     try:
-        with told(show), heard(show), doing("replay"):
+        with told(show), doing("replay"):
             from tacauchy_rig.app.replay.replay import replay_run
 
-            replay = replay_run(run, tolerance=tolerance, optics_file=optics, calibrate=calibrate)
+            replay = replay_run(
+                run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
+            )
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",

@@ -23,7 +23,6 @@ from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.time_limits import heard
 from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.tacauchy_rig.app.importing.sources import write_bag, write_csv, write_video
 
@@ -44,8 +43,7 @@ def calibrated(file: str, sensor: Sensor) -> OpticalCalibration:
 def scored(store: RunStore, optics: str = "") -> tuple[TrialResult, ...]:
     """Replay and report a run."""
     calibrate = partial(calibrated, optics) if optics else None
-    with heard(print):
-        replay_run(open_run(store.paths.root), calibrate=calibrate)
+    replay_run(open_run(store.paths.root), calibrate=calibrate, on_progress=print)
     return report_run(open_run(store.paths.root))[0].trials
 
 
