@@ -87,7 +87,7 @@ def test_what_a_dead_recorder_left_is_spilled(far):
     far.link.put(End(_record(), 100))
     far.link.close(timeout_s=4.0)
     spill = Recording.open(store.paths.spill(1, 1, "control"))
-    assert spill.force().counter.tolist() == [2, 3, 4]
+    assert spill.force.counter.tolist() == [2, 3, 4]
     assert store.load_result(1, 1) == _record()
 
 
@@ -101,7 +101,7 @@ def test_what_is_spilled_belongs_to_the_attempt_of_its_entries(far):
     far.link.poll()
     far.die()
     far.link.close(timeout_s=4.0)
-    assert Recording.open(store.paths.spill(2, 1, "control")).force().counter.tolist() == [3]
+    assert Recording.open(store.paths.spill(2, 1, "control")).force.counter.tolist() == [3]
     assert not store.paths.spill(1, 1, "control").exists()
     assert store.load_result(1, 1) == _record()
 
@@ -138,7 +138,7 @@ def test_a_recorder_that_hangs_is_noticed(far, monkeypatch):
     assert "acknowledged nothing" in far.link.problem()
     far.link.close(timeout_s=2.0)
     spill = Recording.open(far.link._store.paths.spill(1, 1, "control"))
-    assert spill.force().counter.tolist() == [1]
+    assert spill.force.counter.tolist() == [1]
 
 
 def test_a_full_disk_is_told_in_the_recorder_s_words(far):

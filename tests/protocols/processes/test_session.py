@@ -73,7 +73,7 @@ def test_a_session_passes_and_leaves_a_complete_run(make_store):
     assert store.accepted(1) == result.records[0]
     recording = Recording.open(store.paths.recording(1, 1))
     assert recording.finished
-    counters = recording.force().counter.tolist()
+    counters = recording.force.counter.tolist()
     assert counters == list(range(counters[0], counters[-1] + 1))
     assert sum(result.acknowledged.values()) == recording.message_count
     assert {event.name for event in read_journal(store.paths.journal)} >= {

@@ -292,7 +292,7 @@ def judge_streams(
 
 
 def _force(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
-    force = recording.force()
+    force = recording.force
     yield from _disorder("force", force.stamp_ns, force.counter, record)
     if not attempt.is_whole:
         return
@@ -306,7 +306,7 @@ def _force(attempt: Attempt, recording: Recording, record: TrialRecord) -> Itera
 
 
 def _arm(_attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
-    arm = recording.arm()
+    arm = recording.arm
     if record.passed and not len(arm.stamp_ns):
         yield "arm has no sample"
     states = np.column_stack([arm.controller_time_s, arm.pose, arm.velocity])

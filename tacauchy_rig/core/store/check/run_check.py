@@ -70,7 +70,7 @@ def judge_press(attempt: Attempt, recording: Recording, record: TrialRecord) -> 
     recording they agree to rounding. One that lost up to half of them in a crash still has their
     mean to its standard error.
     """
-    force, tare, after = recording.force(), record.tare_before, record.tare_after
+    force, tare, after = recording.force, record.tare_before, record.tare_after
     if tare is None:
         return
     yield _tare(attempt, "recorded_tare", tare, force)
@@ -83,9 +83,9 @@ def judge_press(attempt: Attempt, recording: Recording, record: TrialRecord) -> 
         drift_n = sign * (after.mean[FZ] - tare.mean[FZ])
         yield _same("recorded_drift", drift_n, record.force_drift_n, ROUNDING_N, "N")
     if record.depth_measured_m is not None and record.contact_z_m is not None:
-        yield _depth(recording.arm(), record, record.contact_z_m, record.depth_measured_m)
+        yield _depth(recording.arm, record, record.contact_z_m, record.depth_measured_m)
     if record.arm_force_n is not None and attempt.is_whole:
-        yield from _arm_force(attempt, recording.arm(), record, record.arm_force_n)
+        yield from _arm_force(attempt, recording.arm, record, record.arm_force_n)
 
 
 def _force(
@@ -180,7 +180,7 @@ def judge_contact(
     found = _entered(attempt, "press")
     if record.contact_z_m is None or found is None:
         return
-    arm = recording.arm()
+    arm = recording.arm
     before = np.flatnonzero(arm.stamp_ns <= found.stamp_ns)
     height_m = float(arm.pose[before[-1], Z]) if len(before) else math.nan
     stated_m = found.detail.get("contact_z_m", record.contact_z_m)

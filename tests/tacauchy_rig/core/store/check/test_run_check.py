@@ -114,7 +114,7 @@ def test_an_attempt_may_fail_before_the_arm_is_recorded(tmp_path: Path) -> None:
     """A busy computer ends it in its first turn; the run can be resumed."""
     store = new_run(tmp_path, ONE, "protocol.attempts=1")
     assert press_run(store, silent_fault=("home", "robot:freeze")).outcome is Outcome.FAULT
-    assert not len(Recording.open(store.paths.recording(1, 1)).arm().stamp_ns)
+    assert not len(Recording.open(store.paths.recording(1, 1)).arm.stamp_ns)
     assert list(recover_run(store).check.missed()) == []
     assert press_run(store, seed=2, start_ns=10**12).outcome is Outcome.PASSED
 
