@@ -30,7 +30,7 @@ from sim.solve.path_point import PathPoint
 from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
-from tacauchy_rig.core.time_limits import time_limit
+from tacauchy_rig.core.time_limit_and_progress import time_limit
 from tacauchy_rig.core.versions import installed
 
 History = tuple[tuple[float, float], ...]

@@ -12,7 +12,7 @@ from reports.evidence.intermediate_states import intermediate_states
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of

@@ -95,8 +95,8 @@ def press(
     from sim.device import warp_device
     from sim.press import press as simulate_press
     from sim.press_arguments import scene_of
-    from tacauchy_rig.core.time_limits import doing
-    from tacauchy_rig.core.time_limits import time_limit as limited_to
+    from tacauchy_rig.core.time_limit_and_progress import doing
+    from tacauchy_rig.core.time_limit_and_progress import time_limit as limited_to
 
     limit_s = _seconds(time_limit)
     # What is written is asked for.

@@ -43,7 +43,7 @@ def replay(
         watch: Only let a twin follow the recorded forces, and write a page with a time slider:
             camera and twin, pressure, shear, residual.
     """
-    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limit_and_progress import doing
 
     with doing("checking the recordings"):  # and loading the program, on a busy computer
         from sim.tolerance import parse_tolerance
@@ -145,7 +145,7 @@ def replay_and_show(
     page: Viewing | None = None,
 ) -> None:
     """Replay a run, and print the stated error of its forces; a page is told, too."""
-    from tacauchy_rig.core.time_limits import doing, told
+    from tacauchy_rig.core.time_limit_and_progress import doing, told
 
     def show(text: str) -> None:
         say(text)
@@ -172,7 +172,7 @@ def report_and_exit(
 ) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
     from tacauchy_rig.app.replay.report_run import report_run
-    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limit_and_progress import doing
 
     say("writing the report")
     tell(page, "analysing", "writing the report")
@@ -238,7 +238,7 @@ def export(
         background (IMAGE): Its no-contact frame; an even grey if absent.
     """
     from tacauchy_rig.app.exporting.formats import export as write
-    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limit_and_progress import doing
 
     with doing("exporting"):
         write(source, out, to, sensor=sensor, background=background)
@@ -272,7 +272,7 @@ def serve(
     from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
     from tacauchy_rig.app.cli.live_viewing import open_in_browser
-    from tacauchy_rig.app.results.run_list_and_trend import folder_of_runs
+    from tacauchy_rig.app.results.run_list_comparison_trend import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)

@@ -59,7 +59,7 @@ def sweep(
     from tacauchy_rig.app.sweep.plan import read_plan, rows_of
     from tacauchy_rig.app.sweep.run_sweep import estimate
     from tacauchy_rig.app.sweep.run_sweep import sweep as run
-    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limit_and_progress import doing
 
     plan = read_plan(plan_file)
     with doing("checking the plan"):

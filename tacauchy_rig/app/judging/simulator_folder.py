@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.images import exchanged_channels, opened
+from tacauchy_rig.app.importing.image_conversion import exchanged_channels, opened
 from tacauchy_rig.app.importing.plausibility import UNLIKE, force_unit_meant
 from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
@@ -24,7 +24,7 @@ from tacauchy_rig.app.importing.source_files import (
     read_npz,
 )
 from tacauchy_rig.app.importing.text_tables import read_table
-from tacauchy_rig.app.judging.task_and_baseline import (
+from tacauchy_rig.app.judging.task_and_rigid_baseline import (
     DESCRIPTION,
     DIMENSIONS,
     FIELDS,

@@ -18,7 +18,7 @@ from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg
 from tacauchy_rig.core.markdown_page import environment_of
 from tacauchy_rig.core.store.atomic_write import free_bytes, write_atomically
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 from tacauchy_rig.core.versions import library
 
 SHOWN = 50

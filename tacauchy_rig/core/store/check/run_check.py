@@ -58,7 +58,7 @@ ARM_WINDOW_S = 0.2
 
 ARM_STILL_S = 0.3
 """So long after the search began, the arm still standing, it makes that mean its zero
-(protocols.steps.servo_hold_sway)."""
+(protocols.steps.force_servo_hold_sway)."""
 
 REMEDY = f"recording.mcap and result.json tell of different presses. {RECOVER}"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.app.session.record_and_weigh import note_changes
+from tacauchy_rig.app.session.record_run_and_weight_check import note_changes
 from tacauchy_rig.core.config.load import resumed_config
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run_check import RunCheck, check_run

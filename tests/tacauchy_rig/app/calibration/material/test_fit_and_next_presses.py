@@ -8,7 +8,7 @@ import pytest
 
 from sim.scene.indenter import describe
 from sim.sensor.sensor import parse_sensor
-from tacauchy_rig.app.calibration.material.fit import (
+from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
     MU,
     NU,
     YOUNG,
@@ -20,7 +20,11 @@ from tacauchy_rig.app.calibration.material.fit import (
     other_unit,
     predict_left_out,
 )
-from tacauchy_rig.app.calibration.material.sensor_file import fit_term, sensor_text, with_gel
+from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import (
+    fit_term,
+    sensor_text,
+    with_gel,
+)
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
@@ -173,7 +177,9 @@ def test_the_next_press_is_the_one_that_reduces_most(monkeypatch: pytest.MonkeyP
         rise = depths_m / depths_m.max()
         return depths_m**1.5, np.stack([np.ones(4), nu * rise, 0.05 * rise], axis=1)
 
-    monkeypatch.setattr("tacauchy_rig.app.calibration.material.fit._candidate", pressed)
+    monkeypatch.setattr(
+        "tacauchy_rig.app.calibration.material.fit_and_next_presses._candidate", pressed
+    )
     fit = GelFit(data=_data(ONE))
     found = next_presses(fit)
     assert len(found) == 5

@@ -18,10 +18,15 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.frame_generator import EmulatedCamera, FrameFactory, PressKey, garbled
+from drivers.emulators.camera.frames_and_noise import (
+    EmulatedCamera,
+    FrameFactory,
+    PressKey,
+    garbled,
+)
 from drivers.emulators.faults import parse_fault
+from drivers.emulators.plant.gel_image_and_lights import render_press
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.lights_and_camera import render_press
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess, command_line, post_fault
@@ -144,7 +149,7 @@ def camera_settings(folder: Path, *, rate: float = 25.0) -> DeviceSettings:
 def camera(tmp_path: Path) -> Iterator[RunningCamera]:
     """Start an emulated camera of 640x480 at 25 fps."""
     world = SharedWorld.create(tmp_path / "world.bin")
-    camera = EmulatedProcess("camera", "camera.frame_generator", camera_settings(tmp_path))
+    camera = EmulatedProcess("camera", "camera.frames_and_noise", camera_settings(tmp_path))
     yield RunningCamera(camera.process, tmp_path, camera.wait_ready(), world)
     camera.stop()
     assert camera.process.returncode == 0
@@ -230,7 +235,7 @@ def test_a_taken_port_is_said(camera: RunningCamera, tmp_path: Path) -> None:
     port = int(camera.ready["url"].rsplit(":", 1)[1].split("/")[0])
     other = replace(camera_settings(tmp_path / "other"), port=port)
     found = subprocess.run(
-        command_line("camera.frame_generator", other), capture_output=True, check=False
+        command_line("camera.frames_and_noise", other), capture_output=True, check=False
     )
     assert found.returncode == 2
     assert f"127.0.0.1:{port} cannot be listened on" in found.stderr.decode()

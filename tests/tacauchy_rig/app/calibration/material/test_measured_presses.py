@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.calibration.material.presses import IndenterPresses, read_presses
+from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses, read_presses
 from tacauchy_rig.core.errors import ConfigError, RecordError
 
 TABLE = """indenter,press,depth_mm,force_n

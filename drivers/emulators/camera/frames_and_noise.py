@@ -28,8 +28,8 @@ from drivers.emulators.camera.frame_server import (
     without_a_packet,
 )
 from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentImageFaults
+from drivers.emulators.plant.gel_image_and_lights import GelCamera, Region
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.lights_and_camera import GelCamera, Region
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of

@@ -4,10 +4,10 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.control.entries_and_rates import Journal
+from protocols.control.record_entries_and_rates import Journal
 from protocols.guard.breach_reaction import BreachError
 from protocols.steps.preflight import press_air, run_preflight
-from protocols.trials.attempt_criteria import PlannedTrial
+from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.repeat_attempts import do_step, press_until_passed
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY, FORCE_LIMITS

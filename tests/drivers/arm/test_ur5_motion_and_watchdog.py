@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.arm.ur5_and_watchdog import Ur5
+from drivers.arm.ur5_motion_and_watchdog import Ur5
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.process import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld

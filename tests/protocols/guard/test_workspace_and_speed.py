@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from protocols.guard.arm_following import LEAST_TRAVEL_M, FollowGuard
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.guard.workspace import Workspace
+from protocols.guard.workspace_and_speed import Workspace
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.protocols.conftest import arm_state, breach

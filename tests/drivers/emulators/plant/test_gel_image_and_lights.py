@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.lights_and_camera import render_press, view_of
+from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import MarkerGrid, draw_truth
 from tacauchy_rig.core.errors import ConfigError

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.stream_buffer import StreamBuffer
+from drivers.stream_buffer_and_repeats import StreamBuffer
 from tacauchy_rig.core.errors import DeviceError
 
 LOST = DeviceError("the device is gone")

@@ -9,7 +9,7 @@ import numpy as np
 from protocols.control.cycle import Cycle, Press
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
-from protocols.guard.workspace import describe
+from protocols.guard.workspace_and_speed import describe
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 

@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 
 from drivers.camera.choice import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
-from drivers.camera.exposure_settings import READ_TIMEOUT_S, Capture, open_camera, open_url
 from drivers.camera.jpeg_touch_roll import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
+from drivers.camera.opening_and_exposure import READ_TIMEOUT_S, Capture, open_camera, open_url
 from drivers.camera.v4l2_modes import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer
+from drivers.stream_buffer_and_repeats import StreamBuffer
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError

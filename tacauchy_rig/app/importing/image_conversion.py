@@ -16,7 +16,7 @@ from PIL import Image
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.unit_fields import Section
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb, encode_png
 

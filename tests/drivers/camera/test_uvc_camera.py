@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.uvc import UvcCamera
+from drivers.camera.uvc_camera import UvcCamera
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tests.drivers.conftest import changed, collect, wait_until

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from drivers.interfaces import FrameMark, StreamHealth, TouchMode
-from protocols.control.entries_and_rates import Begin, End, Entry
+from protocols.control.record_entries_and_rates import Begin, End, Entry
 from protocols.processes.ipc import Ack, CameraStatus, Channel
 from protocols.processes.recorder_process import Encoded, RecordKeeper, encoded
 from tacauchy_rig.core.errors import DeviceError, RecordError, RigError

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from drivers.emulators.process import hang_weight
 from drivers.force_sensor.weighing import Load
-from protocols.trials.attempt_criteria import PlannedTrial
+from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.app.cli.live_viewing import open_in_browser
 from tacauchy_rig.app.cli.output import console, say

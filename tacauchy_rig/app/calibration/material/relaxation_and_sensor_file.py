@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from sim.sensor.sensor import parse_sensor
-from tacauchy_rig.app.calibration.material.fit import Interval
+from tacauchy_rig.app.calibration.material.fit_and_next_presses import Interval
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

@@ -4,7 +4,7 @@ import pytest
 
 from protocols.guard.breach_reaction import BreachError
 from protocols.steps.preflight import leave_gel, run_preflight
-from protocols.steps.tare import take_tare
+from protocols.steps.tare_and_force_window import take_tare
 
 SHORT = ('protocol.tare_duration="0.2 s"', 'robot.watchdog="2 Hz"')
 HELD_UP_S = 0.25

@@ -3,7 +3,7 @@
 from drivers.force_sensor.weighing import tare_of
 from protocols.control.cycle import Cycle
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.steps.force_window_moves import listen
+from protocols.steps.arm_moves import listen
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Criterion, Tare
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.gel_response import Plant, SurfaceProfile
-from drivers.emulators.plant.relief_and_scattered_light import (
+from drivers.emulators.plant.relief_shadows_and_texture import (
     Relief,
     gel_texture,
     relief_of,

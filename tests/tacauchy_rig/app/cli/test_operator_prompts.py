@@ -1,6 +1,6 @@
 """What is shown before a real arm moves."""
 
-from tacauchy_rig.app.cli.confirmation import confirmation_screen, expected_answer
+from tacauchy_rig.app.cli.operator_prompts import confirmation_screen, expected_answer
 from tacauchy_rig.core.config.load import load_config
 
 

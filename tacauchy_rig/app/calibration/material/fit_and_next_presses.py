@@ -25,7 +25,7 @@ from sim.scene.material import LawName
 from sim.scene.scene import ContactMode
 from sim.scene.scene_parsing import parse_indenter
 from sim.tilt_sensitivity import COARSE, kept_forces
-from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
