@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from drivers.camera.jpeg_touch_roll import RECORDED_AS
+from drivers.camera.uncompressed_frames import RECORDED_AS
 from drivers.camera.v4l2_modes import Offer, PixelFormat, VideoMode, modes_for, read_offer
 from drivers.interfaces import MANUAL_EXPOSURE
 from tacauchy_rig.core.config.settings import CameraSection

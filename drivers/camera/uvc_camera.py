@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 
 from drivers.camera.choice import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
-from drivers.camera.jpeg_touch_roll import RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
+from drivers.camera.jpeg_checks import jpeg_size
 from drivers.camera.opening_and_exposure import READ_TIMEOUT_S, Capture, open_camera, open_url
+from drivers.camera.uncompressed_frames import RollWatch, encoded, frame_shape, is_jpeg
 from drivers.camera.v4l2_modes import PixelFormat
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer_and_repeats import StreamBuffer

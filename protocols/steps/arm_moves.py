@@ -1,58 +1,13 @@
-"""Standing still and straight moves, watched at every turn."""
+"""Straight moves of the arm, and coming to rest, watched at every turn."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
-
-from protocols.control.cycle import Cycle, Press
+from protocols.control.cycle import Cycle
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.guard.workspace_and_speed import describe
+from protocols.steps.tare_and_force_window import listen
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForceWindow:
-    """Statistics of the pressing force over a window; the slope is that of least squares."""
-
-    start_ns: int
-    end_ns: int
-    mean_n: float
-    deviation_n: float
-    slope_n_s: float
-
-
-def summarise(presses: Sequence[Press]) -> ForceWindow:
-    """Return the statistics of at least two samples."""
-    force = np.array([press.force_n for press in presses])
-    stamps = np.array([press.stamp_ns - presses[0].stamp_ns for press in presses]) * 1e-9
-    centred = stamps - stamps.mean()
-    spread = float(centred @ centred)
-    return ForceWindow(
-        start_ns=presses[0].stamp_ns,
-        end_ns=presses[-1].stamp_ns,
-        mean_n=float(force.mean()),
-        deviation_n=float(force.std(ddof=1)),
-        slope_n_s=float(centred @ force) / spread if spread > 0.0 else 0.0,
-    )
-
-
-def listen(cycle: Cycle, duration_s: float) -> list[Press]:
-    """Stand still for ``duration_s`` [s] and return what was felt.
-
-    The last turn begins when it is over: what came while the computer was held up is not lost.
-    """
-    clock = cycle.rig.clock
-    end_ns = clock.now_ns() + round(duration_s * 1e9)
-    presses: list[Press] = []
-    is_over = False
-    while not is_over:
-        is_over = clock.now_ns() >= end_ns
-        presses += cycle.turn().presses
-    return presses
-
 
 ARRIVED_M = 0.0005
 REST_SPEED_M_S = 2e-5

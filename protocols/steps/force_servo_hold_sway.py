@@ -14,7 +14,8 @@ from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.depth_limits import DepthGuard
 from protocols.guard.force_limits import Contact
-from protocols.steps.arm_moves import downward, summarise
+from protocols.steps.arm_moves import downward
+from protocols.steps.tare_and_force_window import summarise
 from tacauchy_rig.core.run import TrialRecord
 
 BANDWIDTH_PER_S = 2.5

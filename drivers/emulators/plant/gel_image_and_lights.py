@@ -21,7 +21,6 @@ from drivers.emulators.plant.relief_shadows_and_texture import (
     Relief,
     gel_texture,
     relief_of,
-    scattered_light,
     visible_share,
 )
 from drivers.emulators.plant.tips import Tip
@@ -335,6 +334,23 @@ def _rendering_factor(unit: EmulatedUnit, size: tuple[int, int]) -> int:
     common = math.gcd(*size)
     factors = [n for n in range(1, common + 1) if common % n == 0 and size[0] / n >= scored]
     return max(factors, default=1)
+
+
+_LEVEL = 0.42  # linear light of the unloaded gel in the middle of the frame
+_REMAINING = 0.22  # share of it that a gel pressed away would still send
+_DEPTH_M = 0.62e-3  # over which the rest falls to 1/e
+
+
+def scattered_light(relief: Relief | None, x: Float32Array, y: Float32Array) -> Float32Array:
+    """Return the light that comes back from each point x, y [m] of the gel, same shape."""
+    if relief is None:
+        return np.full_like(x, _LEVEL)
+    dent = np.maximum(relief.bulge_at(x, y), np.float32(0.0))
+    falling = np.exp(dent * np.float32(-1.0 / _DEPTH_M))
+    light: Float32Array = np.float32(_LEVEL) * (
+        np.float32(_REMAINING) + np.float32(1.0 - _REMAINING) * falling
+    )
+    return light
 
 
 _REFLECTANCE = 0.12  # of a printed dot, over the paint's

@@ -1,7 +1,6 @@
 """The pressed surface as tables over the radius, and what takes light from it.
 
-Every pixel looks its relief up; shadows of a dent, the paint's texture and the depth of clear gel
-dim it.
+Every pixel looks its relief up; shadows of a dent and the paint's texture dim it.
 """
 
 import math
@@ -162,20 +161,3 @@ def gel_texture(width: int, height: int, *, seed: int) -> Float32Array:
         spot = ((column - centre_x) / size_x) ** 2 + ((row - centre_y) / (size_y * 4 / 3)) ** 2
         texture -= np.float32(strength) * np.exp(-0.5 * spot, dtype=np.float32)
     return texture
-
-
-_LEVEL = 0.42  # linear light of the unloaded gel in the middle of the frame
-_REMAINING = 0.22  # share of it that a gel pressed away would still send
-_DEPTH_M = 0.62e-3  # over which the rest falls to 1/e
-
-
-def scattered_light(relief: Relief | None, x: Float32Array, y: Float32Array) -> Float32Array:
-    """Return the light that comes back from each point x, y [m] of the gel, same shape."""
-    if relief is None:
-        return np.full_like(x, _LEVEL)
-    dent = np.maximum(relief.bulge_at(x, y), np.float32(0.0))
-    falling = np.exp(dent * np.float32(-1.0 / _DEPTH_M))
-    light: Float32Array = np.float32(_LEVEL) * (
-        np.float32(_REMAINING) + np.float32(1.0 - _REMAINING) * falling
-    )
-    return light

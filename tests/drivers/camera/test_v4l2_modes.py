@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.jpeg_touch_roll import RollWatch
+from drivers.camera.uncompressed_frames import RollWatch
 from drivers.camera.v4l2_modes import REQUESTS, Offer, PixelFormat, VideoMode, modes_for
 from drivers.emulators.camera.frame_server import (
     description_of,

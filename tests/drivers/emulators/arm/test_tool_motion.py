@@ -8,12 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.arm.safety_motion_and_force_estimate import (
-    COARSENESS,
-    STILL,
-    ForceEstimate,
-    ToolMotion,
-)
+from drivers.emulators.arm.force_estimate import COARSENESS, ForceEstimate
+from drivers.emulators.arm.tool_motion import STILL, ToolMotion
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
 from tacauchy_rig.core.run import Pose, Vector3, Vector6

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.camera.jpeg_touch_roll import TouchWatch, clipped_ratio, jpeg_size
+from drivers.camera.jpeg_checks import clipped_ratio, jpeg_size
+from drivers.camera.touch_detection import TouchWatch
 from drivers.interfaces import TouchMode
 
 
