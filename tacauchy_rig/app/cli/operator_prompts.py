@@ -1,13 +1,16 @@
-"""Confirmation by the operator before a real arm moves."""
+"""What an operator is asked: to confirm that a real arm moves, and to hang a known weight."""
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from drivers.emulators.process import hang_weight
+from drivers.force_sensor.weighing import Load
 from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError
+from tacauchy_rig.core.known_weight import Weight
 
 LAST_WORDS = """\
 Any key, Ctrl-C or a lost terminal stops the arm and takes it slowly off the gel;
@@ -69,3 +72,36 @@ def _range(low: float, high: float) -> str:
 
 def _millimetres(length_m: float) -> str:
     return f"{length_m * 1e3:g} mm"
+
+
+def ask_for_weight(weight: Weight) -> Callable[[Load], None]:
+    """Return what asks a person to hang the weight and to take it off, a line of input each."""
+    say(f"check of the cell by {weight} ({weight.force_n:.3f} N); nothing moves meanwhile")
+    steps = {
+        Load.NONE: "see that nothing hangs on the tool and that it touches nothing",
+        Load.WEIGHT: f"hang {weight} on the tool, so that it pulls straight down, and let it rest",
+        Load.NONE_AGAIN: "take it off again",
+    }
+
+    def ask(load: Load) -> None:
+        number = list(steps).index(load) + 1
+        say(f"{number} of {len(steps)}: {steps[load]}, then press Enter")
+        console.print("> ", end="")
+        if not sys.stdin.readline():
+            raise AbortedError(
+                "the check of the cell was not finished: the input ended; nothing moved",
+                remedy="run the same command again, or leave --check-weight out",
+            )
+
+    return ask
+
+
+def hang_emulated(weight: Weight, folder: Path) -> Callable[[Load], None]:
+    """Return what hangs the weight on the emulated cell in ``folder`` and takes it off."""
+
+    def hang(load: Load) -> None:
+        hangs = load is Load.WEIGHT
+        hang_weight(folder, weight.mass_kg if hangs else 0.0)
+        say(f"emulated cell: {weight} {'hung on' if hangs else 'not on'} the tool")
+
+    return hang

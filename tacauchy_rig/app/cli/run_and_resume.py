@@ -372,7 +372,7 @@ def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
-    from tacauchy_rig.app.cli.session_progress import ask_for_weight, hang_emulated
+    from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, hang_emulated
     from tacauchy_rig.app.session.record_run_and_weight_check import check_cell, mark_expired
 
     if weight is None:

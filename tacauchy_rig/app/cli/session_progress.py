@@ -1,63 +1,20 @@
-"""What the person at the rig sees and is asked: progress, and a known weight.
-
-Progress is a few live lines on a terminal, plain lines elsewhere.
-"""
+"""Progress of a session: a few live lines on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from drivers.emulators.process import hang_weight
-from drivers.force_sensor.weighing import Load
 from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.app.cli.live_viewing import open_in_browser
 from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.errors import AbortedError
-from tacauchy_rig.core.known_weight import Weight
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
-
-
-def ask_for_weight(weight: Weight) -> Callable[[Load], None]:
-    """Return what asks a person to hang the weight and to take it off, a line of input each."""
-    say(f"check of the cell by {weight} ({weight.force_n:.3f} N); nothing moves meanwhile")
-    steps = {
-        Load.NONE: "see that nothing hangs on the tool and that it touches nothing",
-        Load.WEIGHT: f"hang {weight} on the tool, so that it pulls straight down, and let it rest",
-        Load.NONE_AGAIN: "take it off again",
-    }
-
-    def ask(load: Load) -> None:
-        number = list(steps).index(load) + 1
-        say(f"{number} of {len(steps)}: {steps[load]}, then press Enter")
-        console.print("> ", end="")
-        if not sys.stdin.readline():
-            raise AbortedError(
-                "the check of the cell was not finished: the input ended; nothing moved",
-                remedy="run the same command again, or leave --check-weight out",
-            )
-
-    return ask
-
-
-def hang_emulated(weight: Weight, folder: Path) -> Callable[[Load], None]:
-    """Return what hangs the weight on the emulated cell in ``folder`` and takes it off."""
-
-    def hang(load: Load) -> None:
-        hangs = load is Load.WEIGHT
-        hang_weight(folder, weight.mass_kg if hangs else 0.0)
-        say(f"emulated cell: {weight} {'hung on' if hangs else 'not on'} the tool")
-
-    return hang
-
 
 PROGRESS = "progress"
 NARROWEST = 10

@@ -20,8 +20,7 @@ from tacauchy_rig.app.cli import emulated_calibration, run_and_resume
 from tacauchy_rig.app.cli import replay_report_export_serve as run_folders
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
-from tacauchy_rig.app.cli.operator_prompts import confirm
-from tacauchy_rig.app.cli.session_progress import ask_for_weight
+from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, confirm
 from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES

@@ -1,4 +1,4 @@
-"""The index of a sweep's presses, with their splits into training and tests."""
+"""What of a sweep is done already, and the index of its presses, split into training and tests."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -7,12 +7,31 @@ from typing import Any
 
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.plan import Row
-from tacauchy_rig.app.sweep.resume import done_rows
 from tacauchy_rig.app.sweep.shards import LARGE, SHARDS, parquet, shown
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.atomic_write import write_atomically
 
 # Of places and of objects that tests are to be of; and the size of a place [m].
 _TEST_SHARE, _PLACE_M = 0.2, 2e-3
+
+
+def done_rows(folder: Path) -> dict[str, tuple[str, int]]:
+    """Return of every row that was computed its shard's file and its place there, by hash.
+
+    Raises:
+        RecordError: A shard is damaged.
+    """
+    found: dict[str, tuple[str, int]] = {}
+    for file in sorted((folder / SHARDS).glob("*.parquet")):
+        try:
+            names = parquet().parquet.read_table(file, columns=["hash"])["hash"].to_pylist()
+        except (OSError, KeyError, ValueError) as error:
+            raise RecordError(
+                f"{file}: is no shard of a sweep: {error}",
+                remedy="delete this file; the sweep computes it again",
+            ) from error
+        found |= {name: (file.name, place) for place, name in enumerate(names)}
+    return found
 
 
 def write_index(folder: Path, rows: Mapping[str, Row]) -> Any:
