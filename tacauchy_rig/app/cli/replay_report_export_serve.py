@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sim.tolerance import Tolerance
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
-    from tacauchy_rig.core.store.check.run_check import RunCheck
+    from tacauchy_rig.core.store.check.run_and_press_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
 
 
@@ -53,7 +53,7 @@ def replay(
         )
         from tacauchy_rig.app.replay.open_run import open_run
         from tacauchy_rig.core.parallel import worker_process
-        from tacauchy_rig.core.store.check.run_check import check_run
+        from tacauchy_rig.core.store.check.run_and_press_check import check_run
 
         run = open_run(folder)
         kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")

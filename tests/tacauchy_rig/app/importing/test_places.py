@@ -25,7 +25,7 @@ from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.reports.conftest import record, replay_of
 

@@ -18,7 +18,7 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ, Criterion, JournalEvent, Tare, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
-from tacauchy_rig.core.store.check.attempt_check import (
+from tacauchy_rig.core.store.check.attempt_files_check import (
     RECOVER,
     TRIAL,
     Attempt,

@@ -8,7 +8,7 @@ import pytest
 from tacauchy_rig.app.session.record_run_and_weight_check import note_changes
 from tacauchy_rig.core.config.load import resumed_config
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run_check import RunCheck, check_run
+from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
