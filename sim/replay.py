@@ -17,7 +17,7 @@ from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, end_state, path_for
 from sim.error_estimate import ErrorEstimate, coarse_reference, estimate_from, estimated, failed
-from sim.fields.npz_and_vtu import IntermediateStates, TrialFields, intermediate_state, trial_fields
+from sim.fields.saved_press import IntermediateStates, TrialFields, intermediate_state, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure

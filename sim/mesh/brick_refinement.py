@@ -20,8 +20,8 @@ from itertools import permutations
 import numpy as np
 import scipy
 
+from sim.mesh.cached_tet_mesh import TetMesh, oriented, tet_volumes
 from sim.mesh.elements import boundary_faces
-from sim.mesh.mesh_and_cache import TetMesh, oriented, tet_volumes
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.mesh.mesh_and_cache import TetMesh, oriented
+from sim.mesh.cached_tet_mesh import TetMesh, oriented
 from sim.mesh.revolved_mesh import triangulated
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from sim.fields.npz_and_vtu import vtu
+from sim.fields.saved_press import vtu
 from tacauchy_rig.app.replay.press_folder import STATES_NAME
 from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import RecordError, command_line

@@ -21,7 +21,7 @@ from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
 from sim.cheapest_setting import setting_of
 from sim.effects.effect_choice import plan_effects
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.replay import (
     History,
     ReferencePath,

@@ -12,7 +12,7 @@ from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.gather_evidence import load_evidence, stated_curve
-from sim.fields.npz_and_vtu import TrialFields
+from sim.fields.saved_press import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.chosen_optics import (

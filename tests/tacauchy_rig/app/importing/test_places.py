@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.frames_and_curves import RunReading
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run

@@ -9,15 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
-from sim.mesh.clamping_and_sparsity import Discretisation, discretise
-from sim.mesh.elements import (
-    ElementOrder,
-    boundary_faces,
-    linear_facets,
-    quadratic_nodes,
-    reference_element,
-)
-from sim.mesh.mesh_and_cache import (
+from sim.mesh.cached_tet_mesh import (
     TetMesh,
     cache_folder,
     oriented,
@@ -26,6 +18,14 @@ from sim.mesh.mesh_and_cache import (
     stored_mesh,
     tet_volumes,
     write_mesh,
+)
+from sim.mesh.clamping_and_sparsity import Discretisation, discretise
+from sim.mesh.elements import (
+    ElementOrder,
+    boundary_faces,
+    linear_facets,
+    quadratic_nodes,
+    reference_element,
 )
 from sim.mesh.mirror_symmetry import MirrorSymmetry, WholeSurface
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
