@@ -19,7 +19,7 @@ from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profiles, rest_slopes
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.nominal_optics import exponents_for, lamp_count_of
-from sim.optics.colour.photometric_polynomial import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.markers.marker_tracking import (
     PrintedMarkers,
     find_markers,

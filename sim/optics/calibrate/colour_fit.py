@@ -20,7 +20,7 @@ from sim.optics.calibrate.circle_and_light import (
 )
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.photometric_polynomial import PhotometricModel, ShadingTerms
+from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
-from sim.optics.colour.photometric_polynomial import (
+from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     GRAZED_EXPONENTS,
     NearLamp,

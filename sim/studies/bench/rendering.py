@@ -17,12 +17,7 @@ from sim.effects.presets import build_model
 from sim.effects.press_with_effects import path_for
 from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
-from sim.optics.colour.photometric_polynomial import (
-    BALL_EXPONENTS,
-    NearLamp,
-    PhotometricModel,
-    ShadingTerms,
-)
+from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages

@@ -412,7 +412,7 @@ def optics(
     """
     from tacauchy_rig.app.calibration.optics.from_folder import calibrate_and_check
     from tacauchy_rig.app.calibration.optics.from_run import keep_optics, request_of
-    from tacauchy_rig.app.judging.task_and_rigid_baseline import check_empty
+    from tacauchy_rig.app.judging.task_and_baseline import check_empty
     from tacauchy_rig.app.replay.open_run import open_run
 
     run = open_run(folder) if (folder / "run.json").is_file() else None
@@ -459,7 +459,7 @@ def _write_outputs(
 ) -> None:
     """Write presses held out as a simulator's outputs."""
     from tacauchy_rig import __version__
-    from tacauchy_rig.app.judging.task_and_rigid_baseline import write_outputs
+    from tacauchy_rig.app.judging.task_and_baseline import write_outputs
     from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator
     from tacauchy_rig.core.versions import machine
 

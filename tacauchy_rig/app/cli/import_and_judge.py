@@ -114,7 +114,7 @@ def judge(
     """
     from reports.comparison.simulator_comparison import judge as judged
     from reports.page.simulator_comparison_page import write_judgement
-    from tacauchy_rig.app.judging.task_and_rigid_baseline import replay_outputs, write_task
+    from tacauchy_rig.app.judging.task_and_baseline import replay_outputs, write_task
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.app.replay.report_run import evidence_of
 
@@ -149,11 +149,7 @@ def judge(
 def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
-    from tacauchy_rig.app.judging.task_and_rigid_baseline import (
-        check_empty,
-        rigid_outputs,
-        write_outputs,
-    )
+    from tacauchy_rig.app.judging.task_and_baseline import check_empty, rigid_outputs, write_outputs
 
     folder = out / baseline.value
     check_empty(folder)
@@ -167,7 +163,7 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
 def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
     """Return what simulators give of a run's presses."""
     from tacauchy_rig.app.judging.simulator_folder import Asked, read_outputs
-    from tacauchy_rig.app.judging.task_and_rigid_baseline import references_of
+    from tacauchy_rig.app.judging.task_and_baseline import references_of
 
     if not folders:
         raise ConfigError(

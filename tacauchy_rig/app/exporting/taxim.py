@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim.optics.colour.photometric_polynomial import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray

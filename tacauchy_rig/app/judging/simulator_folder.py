@@ -24,7 +24,7 @@ from tacauchy_rig.app.importing.source_files import (
     read_npz,
 )
 from tacauchy_rig.app.importing.text_tables import read_table
-from tacauchy_rig.app.judging.task_and_rigid_baseline import (
+from tacauchy_rig.app.judging.task_and_baseline import (
     DESCRIPTION,
     DIMENSIONS,
     FIELDS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from reports.evidence.evidence_types import ImageGeometry
 from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.intermediate_states import intermediate_states
-from tacauchy_rig.app.judging.task_and_rigid_baseline import surface_values
+from tacauchy_rig.app.judging.task_and_baseline import surface_values
 from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore

@@ -4,7 +4,7 @@ import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.circle_and_light import PressScene
-from sim.optics.colour.photometric_polynomial import PhotometricModel, polynomial_exponents
+from sim.optics.colour.photometric import PhotometricModel, polynomial_exponents
 from tests.sim.optics.analytic_surface import ExponentialSkirt, camera
 
 HEIGHT, WIDTH = 150, 180

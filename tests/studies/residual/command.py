@@ -12,7 +12,7 @@ import typer
 
 from reports.evidence.frames_and_curves import RunReading
 from reports.scores.residual_causes import UNMENDABLE, Cause
-from sim.optics.colour.photometric_polynomial import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__

@@ -9,7 +9,7 @@ import numpy as np
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from sim.fields.saved_press import SurfaceState
-from sim.optics.colour.photometric_polynomial import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad

@@ -17,7 +17,7 @@ from sim.optics.calibrate.photometric_least_squares import (
     fit_terms,
 )
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.photometric_polynomial import (
+from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,
     PhotometricModel,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.photometric_polynomial import (
+from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,
     PhotometricModel,

@@ -14,11 +14,7 @@ from hypothesis import strategies as st
 from sim.optics.calibrate.photometric_least_squares import PhotometricSamples, fit_photometric
 from sim.optics.colour.colour_model import PixelColours, SampleColours
 from sim.optics.colour.nominal_optics import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
-from sim.optics.colour.photometric_polynomial import (
-    PhotometricModel,
-    load_photometric,
-    polynomial_exponents,
-)
+from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.lamp_rays import darkening
 from sim.optics.render.renderer import TactileRenderer

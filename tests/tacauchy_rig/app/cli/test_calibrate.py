@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.optics.calibrate import circle_and_light as pressed_scene
-from sim.optics.colour.photometric_polynomial import load_photometric
+from sim.optics.colour.photometric import load_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.errors import ConfigError, RecordError

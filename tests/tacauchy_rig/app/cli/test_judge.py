@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.cli.import_and_judge import Baseline, judge
-from tacauchy_rig.app.judging.task_and_rigid_baseline import write_outputs
+from tacauchy_rig.app.judging.task_and_baseline import write_outputs
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator

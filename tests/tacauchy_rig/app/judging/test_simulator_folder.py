@@ -15,7 +15,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.pad import BoxPad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.judging.simulator_folder import Asked, read_outputs
-from tacauchy_rig.app.judging.task_and_rigid_baseline import rigid_heights, write_outputs
+from tacauchy_rig.app.judging.task_and_baseline import rigid_heights, write_outputs
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 

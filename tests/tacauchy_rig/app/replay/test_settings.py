@@ -13,7 +13,7 @@ from sim.effects.effect_choice import PRESET_TOLERANCE
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
 from sim.optics.colour.nominal_optics import nominal_photometric
-from sim.optics.colour.photometric_polynomial import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.scene.indenter import describe
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.camera_geometry import CameraGeometry
