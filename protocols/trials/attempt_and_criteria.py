@@ -209,10 +209,8 @@ class _Attempt:
             )
             yield _frames("dwell_frames", arrived.frame_count(*dwell), MIN_DWELL_FRAMES)
             repeated = float(arrived.repeated_frame_count(reference, dwell))
-            remedy = (
-                "the camera sent the same bytes twice, so its picture is an old one: unplug it "
-            )
-            remedy += "and plug it in again"
+            remedy = "the camera sent the same bytes twice, so its picture is an old one: "
+            remedy += "unplug it and plug it in again"
             yield at_most("repeated_frames", repeated, 0.0, unit="frames", remedy=remedy)
         if record.reference_start_ns is not None:
             yield _frames("reference_frames", arrived.frame_count(*reference), MIN_REFERENCE_FRAMES)
