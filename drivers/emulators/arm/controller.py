@@ -14,7 +14,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from drivers.arm.ur5_rtde import RuntimeState
-from drivers.emulators.arm.force_estimate import ForceEstimate
+from drivers.emulators.arm.coarse_force_estimate import ForceEstimate
 from drivers.emulators.arm.rtde_and_dashboard_ports import DashboardPort, RtdePort, ScriptPort
 from drivers.emulators.arm.safety_and_registers import (
     EMERGENCY_STOP,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.arm.force_estimate import COARSENESS, ForceEstimate
+from drivers.emulators.arm.coarse_force_estimate import COARSENESS, ForceEstimate
 from drivers.emulators.arm.tool_motion import STILL, ToolMotion
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
