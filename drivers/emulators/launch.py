@@ -162,7 +162,7 @@ class Emulation:
         module, host, port = {
             Device.ROBOT: ("arm.controller", self._robot_host, 0),
             Device.FORCE_SENSOR: ("force_sensor.m8128_box_and_noise", "", 0),
-            Device.CAMERA: ("camera.frame_generator", self.camera_host, self.camera_port),
+            Device.CAMERA: ("camera.frames_and_noise", self.camera_host, self.camera_port),
         }[device]
         self._launch(device, module, config, host=host, port=port)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, say, write_json
-from tacauchy_rig.core.check_result import CheckResult, CheckStatus
+from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus
 
 
 def doctor(
@@ -28,7 +28,7 @@ def doctor(
     from drivers.device_checks import device_checks
     from tacauchy_rig.app.host_checks import host_checks
     from tacauchy_rig.app.replay.simulator_inputs import check_gel, check_replay
-    from tacauchy_rig.core.check_result import checked
+    from tacauchy_rig.core.doctor_check import checked
 
     checks = [
         *host_checks(config),

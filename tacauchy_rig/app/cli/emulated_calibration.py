@@ -17,7 +17,7 @@ from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration,
 from tacauchy_rig.app.replay.simulator_inputs import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.time_limits import heard, say
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 
 # A file's numbers are finite: a flat top is a dome of this radius, 0.1 um over 28 mm.
 _FLAT_M = 1e3

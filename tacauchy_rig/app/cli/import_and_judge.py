@@ -20,7 +20,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
 )
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.time_limits import doing, heard
+from tacauchy_rig.core.time_limit_and_progress import doing, heard
 
 if TYPE_CHECKING:
     from reports.evidence.evidence_types import RunEvidence

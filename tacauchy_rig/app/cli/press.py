@@ -15,8 +15,8 @@ from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, tak
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
-from tacauchy_rig.core.time_limits import doing
-from tacauchy_rig.core.time_limits import time_limit as limited_to
+from tacauchy_rig.core.time_limit_and_progress import doing
+from tacauchy_rig.core.time_limit_and_progress import time_limit as limited_to
 
 if TYPE_CHECKING:
     from sim.press import PressResult

@@ -16,14 +16,14 @@ from tacauchy_rig.app.exporting.formats import Format
 from tacauchy_rig.app.exporting.formats import export as write
 from tacauchy_rig.core.errors import AbortedError, command_line
 from tacauchy_rig.core.parallel import worker_process
-from tacauchy_rig.core.time_limits import doing, heard, told
+from tacauchy_rig.core.time_limit_and_progress import doing, heard, told
 
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
     from reports.evidence.frames_and_curves import RunReading
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
-    from tacauchy_rig.core.store.check.run_check import RunCheck
+    from tacauchy_rig.core.store.check.run_and_press_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
 
 
@@ -52,7 +52,7 @@ def replay(
             emulated_calibration,
         )
         from tacauchy_rig.app.replay.open_run import open_run
-        from tacauchy_rig.core.store.check.run_check import check_run
+        from tacauchy_rig.core.store.check.run_and_press_check import check_run
 
         run = open_run(folder)
         kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
@@ -265,7 +265,7 @@ def serve(
 
     from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
-    from tacauchy_rig.app.results.run_list_and_trend import folder_of_runs
+    from tacauchy_rig.app.results.run_list_comparison_trend import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)

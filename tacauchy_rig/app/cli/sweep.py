@@ -12,7 +12,7 @@ import typer
 from tacauchy_rig.app.cli import output
 from tacauchy_rig.app.sweep.engine_names import EngineName
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
     from tacauchy_rig.app.sweep.engines import Engine

@@ -14,7 +14,7 @@ from sim.mesh.elements import boundary_faces
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode_and_import_toml import needed
-from tacauchy_rig.app.exporting.vtu import states_of
+from tacauchy_rig.app.exporting.paraview import states_of
 from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.images import exchanged_channels, opened
+from tacauchy_rig.app.importing.image_conversion import exchanged_channels, opened
 from tacauchy_rig.app.importing.plausibility import UNLIKE, force_unit_meant, length_unit_meant
 from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,

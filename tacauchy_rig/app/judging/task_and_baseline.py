@@ -31,8 +31,8 @@ from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of, sensor_of
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import parse_toml, read_section
-from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, encode_png
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -48,7 +48,7 @@ from tacauchy_rig.core.simulated import (
 )
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import pack_array, pack_arrays
-from tacauchy_rig.core.time_limits import say
+from tacauchy_rig.core.time_limit_and_progress import say
 from tacauchy_rig.core.versions import machine
 
 DESCRIPTION = "simulator.toml"

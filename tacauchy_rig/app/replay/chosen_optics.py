@@ -22,7 +22,7 @@ from sim.sensor.lamps_and_optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.time_limits import say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"

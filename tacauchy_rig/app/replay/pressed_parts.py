@@ -21,7 +21,7 @@ from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
 from sim.cheapest_setting import setting_of
 from sim.effects.effect_choice import plan_effects
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.replay import (
     History,
     ReferencePath,
@@ -38,14 +38,14 @@ from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields
-from tacauchy_rig.core.time_limits import Remaining, doing, heard, say, time_limit
+from tacauchy_rig.core.time_limit_and_progress import Remaining, doing, heard, say, time_limit
 
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""

@@ -28,7 +28,7 @@ from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
-from tacauchy_rig.core.time_limits import heard, say
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""

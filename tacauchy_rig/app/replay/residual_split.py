@@ -12,7 +12,7 @@ from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
@@ -26,7 +26,7 @@ from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
-from tacauchy_rig.core.time_limits import say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 MOST_TRIALS, _MOST_PARTS = 12, 6
 """Trials that are pressed again, spread evenly over the forces: each takes two seconds."""

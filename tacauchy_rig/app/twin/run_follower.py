@@ -39,7 +39,7 @@ from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg, reduction_to
 from tacauchy_rig.core.run import JournalEvent, Phase
-from tacauchy_rig.core.time_limits import say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 _QUALITY = 85
 

@@ -24,7 +24,7 @@ from tacauchy_rig.app.replay.tilt_and_place import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord
 from tacauchy_rig.core.tables import Table, table_of
-from tacauchy_rig.core.time_limits import heard
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench
 
 _LARGEST_RAD = math.radians(2.0)

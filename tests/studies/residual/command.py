@@ -26,7 +26,7 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of
-from tacauchy_rig.core.time_limits import heard
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench, Pressed, rendered
 
 _LEAN_RAD, _OFFSET_M, _DIMMED, _STIFFER = math.radians(1.0), 0.3e-3, 0.2, 0.15

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.gather_evidence import load_evidence, stated_curve
-from sim.fields.npz_and_vtu import TrialFields
+from sim.fields.saved_press import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
@@ -18,7 +18,7 @@ from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import mounted
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay
-from tacauchy_rig.core.time_limits import say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 
 @dataclass(frozen=True, slots=True)

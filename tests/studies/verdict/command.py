@@ -21,7 +21,7 @@ from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Cell, Table, table_of
-from tacauchy_rig.core.time_limits import heard
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WrongModel
 

@@ -57,7 +57,7 @@ from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.atomic_write import writing
 from tacauchy_rig.core.store.run_files import file_sha256
-from tacauchy_rig.core.time_limits import Remaining, doing
+from tacauchy_rig.core.time_limit_and_progress import Remaining, doing
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 

@@ -27,7 +27,7 @@ from tacauchy_rig.app.cli.output import (
     writable_folder,
     write_json,
 )
-from tacauchy_rig.app.cli.progress_and_weight_prompt import (
+from tacauchy_rig.app.cli.session_progress import (
     EMPTY,
     FULL,
     HOW_TO_STOP,
@@ -37,8 +37,8 @@ from tacauchy_rig.app.cli.progress_and_weight_prompt import (
     SessionProgress,
     force_bar,
 )
+from tacauchy_rig.core.config.field_ranges import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
-from tacauchy_rig.core.config.unit_fields import ceilings
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase
 

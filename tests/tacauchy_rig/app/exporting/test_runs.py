@@ -22,7 +22,7 @@ from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter

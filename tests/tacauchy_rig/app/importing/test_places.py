@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.frames_and_curves import RunReading
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
@@ -25,9 +25,9 @@ from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
-from tacauchy_rig.core.time_limits import heard
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.reports.conftest import record, replay_of
 
 BALL = Sphere(diameter_m=6e-3)

@@ -31,7 +31,7 @@ from tacauchy_rig.app.replay.simulator_inputs import check_optics, check_replay,
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.time_limits import heard
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.tacauchy_rig.app.importing.test_places import CUBE
 
