@@ -12,7 +12,8 @@ from typing import Any
 
 from drivers.arm.ur5_controller_check import probe_controller, require_ready
 from drivers.interfaces import MANUAL_EXPOSURE, Arm, DeviceIdentity, StreamHealth
-from tacauchy_rig.core.check_result import (
+from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.doctor_check import (
     CheckResult,
     CheckStatus,
     checked,
@@ -21,7 +22,6 @@ from tacauchy_rig.core.check_result import (
     passed,
     skipped,
 )
-from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import FZ, ForceSample, ImageFrame

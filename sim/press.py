@@ -26,7 +26,7 @@ from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.simulated import Alternative
-from tacauchy_rig.core.time_limits import doing, time_limit, told
+from tacauchy_rig.core.time_limit_and_progress import doing, time_limit, told
 
 # The paper's two algorithms are at most 20 and 41 % apart in presses whose force is right, under
 # sharp punches pressed by 30 % of the gel; where an indenter had passed through, 197 %.

@@ -17,7 +17,7 @@ from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, end_state, path_for
 from sim.error_estimate import ErrorEstimate, coarse_reference, estimate_from, estimated, failed
-from sim.fields.npz_and_vtu import IntermediateStates, TrialFields, intermediate_state, trial_fields
+from sim.fields.saved_press import IntermediateStates, TrialFields, intermediate_state, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure
@@ -30,7 +30,7 @@ from sim.solve.path_point import PathPoint
 from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
-from tacauchy_rig.core.time_limits import time_limit
+from tacauchy_rig.core.time_limit_and_progress import time_limit
 from tacauchy_rig.core.versions import installed
 
 History = tuple[tuple[float, float], ...]

@@ -21,7 +21,7 @@ from sim.effects.planned_effects import full_plan
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.effects.press_with_effects import path_for
 from sim.fields.contact_moment_and_area import contact_measures
-from sim.mesh.mesh_and_cache import cache_folder
+from sim.mesh.cached_tet_mesh import cache_folder
 from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene, Target
 from tacauchy_rig.core.arrays import FloatArray

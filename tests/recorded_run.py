@@ -6,15 +6,15 @@ from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
 
-from drivers.camera.jpeg_touch_roll import TouchWatch
+from drivers.camera.touch_detection import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from protocols.control.cycle import Cycle
-from protocols.control.entries_and_rates import Entry, Journal, Sink
+from protocols.control.record_entries_and_rates import Entry, Journal, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.camera_process import mark_of
 from protocols.processes.recorder_process import RecordKeeper, encoded
-from protocols.trials.programme import ProgrammeResult, plan_session, run_programme
+from protocols.trials.trial_sequence import ProgrammeResult, plan_session, run_programme
 from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.registry import Kind, load

@@ -42,7 +42,7 @@ for result in robot_checks(config):
 
 _RENDER_A_PRESS = """
 from sim.effects.effect_choice import plan_effects
-from sim.fields.npz_and_vtu import surface_state
+from sim.fields.saved_press import surface_state
 from sim.effects.press_with_effects import follow, path_for
 from sim.press_arguments import scene_from
 from sim.sensor.sensor import load_sensor

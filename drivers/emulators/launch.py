@@ -5,6 +5,7 @@ import os
 import random
 import socket
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
@@ -47,42 +48,30 @@ def free_loopback_host() -> str:
     )
 
 
+@dataclass(eq=False)
 class Emulation:
-    """The emulated part of a rig, running.
+    """The emulated part of a rig, running."""
 
-    Args:
-        follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
-            the emulated world; needed when a sensor or camera is emulated and the robot is not.
-        unit: The make of sensor that is emulated; a GelSight Mini if None.
+    config: RigConfig
+    folder: Path
+    devices: frozenset[Device]
+    camera_host: str = "127.0.0.1"
+    camera_port: int = 0
+    # A robot that is not emulated here, whose reported pose moves the indenter of the emulated
+    # world; needed when a sensor or camera is emulated and the robot is not.
+    follow_host: str | None = None
+    unit: EmulatedUnit | None = None  # make of sensor that is emulated; a GelSight Mini if None
+    processes: dict[str, EmulatedProcess] = field(default_factory=dict, init=False)
+    # ``config`` with the addresses at which the started devices answer; that of a camera which is
+    # played through V4L2 is the path of its device.
+    running: RigConfig = field(init=False)
+    # Environment by which other programs see such a camera.
+    preloaded: dict[str, str] = field(default_factory=dict, init=False)
+    _environment: dict[str, str] = field(default_factory=dict, init=False)
+    _robot_host: str = field(default="", init=False)
 
-    Attributes:
-        running: ``config`` with the addresses at which the started devices answer; that of a camera
-            which is played through V4L2 is the path of its device.
-        preloaded: Environment by which other programs see such a camera.
-    """
-
-    def __init__(
-        self,
-        config: RigConfig,
-        *,
-        folder: Path,
-        devices: frozenset[Device],
-        camera_host: str = "127.0.0.1",
-        camera_port: int = 0,
-        follow_host: str | None = None,
-        unit: EmulatedUnit | None = None,
-    ) -> None:
-        self.config = config
-        self.camera_host, self.camera_port = camera_host, camera_port
-        self.folder = folder.resolve()
-        self.devices = devices
-        self.follow_host = follow_host
-        self.unit = unit or EmulatedUnit()
-        self.processes: dict[str, EmulatedProcess] = {}
-        self.running = config
-        self.preloaded: dict[str, str] = {}
-        self._environment: dict[str, str] = {}
-        self._robot_host = ""
+    def __post_init__(self) -> None:
+        self.folder, self.running = self.folder.resolve(), self.config
 
     def __enter__(self) -> Self:
         self.start()
@@ -108,7 +97,12 @@ class Emulation:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         asked = self.config.emulation
-        truth = draw_truth(asked.seed, unit=self.unit, friction=asked.friction, tilt_rad=asked.tilt)
+        truth = draw_truth(
+            asked.seed,
+            unit=self.unit or EmulatedUnit(),
+            friction=asked.friction,
+            tilt_rad=asked.tilt,
+        )
         write_truth(self.folder, truth)
         self.gel()  # its table is made here once: that may take longer than a device's coming up
         SharedWorld.create(self.folder / WORLD_FILE).close()
@@ -168,7 +162,7 @@ class Emulation:
         module, host, port = {
             Device.ROBOT: ("arm.controller", self._robot_host, 0),
             Device.FORCE_SENSOR: ("force_sensor.m8128_box_and_noise", "", 0),
-            Device.CAMERA: ("camera.frame_generator", self.camera_host, self.camera_port),
+            Device.CAMERA: ("camera.frames_and_noise", self.camera_host, self.camera_port),
         }[device]
         self._launch(device, module, config, host=host, port=port)
 

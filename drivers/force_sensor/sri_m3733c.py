@@ -25,7 +25,7 @@ from drivers.force_sensor.sri_protocol import (
     frame_length,
 )
 from drivers.interfaces import DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer
+from drivers.stream_buffer_and_repeats import StreamBuffer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample

@@ -7,21 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
-from protocols.control.entries_and_rates import RateMeter, Sink
+from protocols.control.record_entries_and_rates import RateMeter, Sink
 from protocols.guard.abort import Abort
 from protocols.guard.arm_following import FollowGuard
-from protocols.guard.breach_reaction import BreachError, Reaction
+from protocols.guard.breach_reaction import BreachError, Reaction, most_severe
 from protocols.guard.force_limits import ForceGuard
 from protocols.guard.force_witness_and_band import Witness
 from protocols.guard.stale_streams import StreamGuard
-from protocols.guard.workspace import Workspace
+from protocols.guard.workspace_and_speed import Workspace
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6
 
 PERIOD_S = 0.005
 KICK_PERIOD_NS = 25_000_000
-_SEVERITY = (Reaction.RETRACT, Reaction.HOLD, Reaction.PROTECTIVE_STOP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +106,7 @@ class Cycle:
             except BreachError as breach:
                 breaches.append(breach)
         if breaches:
-            raise self._explained(max(breaches, key=lambda each: _SEVERITY.index(each.reaction)))
+            raise self._explained(most_severe(breaches))
         if self.last_state is None:
             raise BreachError(
                 "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""

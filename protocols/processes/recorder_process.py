@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from protocols.control.entries_and_rates import Begin, End, Entry
+from protocols.control.record_entries_and_rates import Begin, End, Entry
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
 from protocols.processes.ipc import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError

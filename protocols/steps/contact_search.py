@@ -7,7 +7,8 @@ from protocols.control.cycle import Cycle, Press
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.depth_limits import Floor, search_floor
 from protocols.guard.force_limits import Contact
-from protocols.steps.force_window_moves import come_to_rest, downward, listen
+from protocols.steps.arm_moves import come_to_rest, downward
+from protocols.steps.tare_and_force_window import listen
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO
 

@@ -3,8 +3,8 @@
 from protocols.control.cycle import Cycle
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
-from protocols.steps import force_window_moves as motion
-from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
+from protocols.steps import arm_moves as motion
+from protocols.steps.tare_and_force_window import judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
 
@@ -36,7 +36,7 @@ def run_preflight(cycle: Cycle) -> Tare:
         BreachError: The robot is not ready, or the unloaded force is not quiet or not small.
         SafetyError: The arm is not near home.
     """
-    motion.listen(cycle, LISTEN_S)
+    listen(cycle, LISTEN_S)
     state = cycle.turn().arm
     cycle.workspace.check_start(state.pose)
     if state.runtime_state != PLAYING:

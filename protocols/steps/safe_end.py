@@ -4,11 +4,11 @@ import logging
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.control.entries_and_rates import Journal
+from protocols.control.record_entries_and_rates import Journal
 from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
-from protocols.guard.workspace import describe
-from protocols.steps.force_window_moves import SLOW_M_S, clear_height, is_at_rest
+from protocols.guard.workspace_and_speed import describe
+from protocols.steps.arm_moves import SLOW_M_S, clear_height, is_at_rest
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.run import Phase, Pose
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from protocols.control.cycle import Cycle
-from protocols.control.entries_and_rates import Journal
+from protocols.control.record_entries_and_rates import Journal
 from protocols.guard.breach_reaction import BreachError
-from protocols.steps.force_window_moves import ARRIVED_M, clear_height
+from protocols.steps.arm_moves import ARRIVED_M, clear_height
 from protocols.steps.safe_end import end_safely
-from protocols.trials.attempt_criteria import PlannedTrial, run_trial
+from protocols.trials.attempt_and_criteria import PlannedTrial, run_trial
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.run import Phase, TrialRecord
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from reports.comparison.criteria import COUNTS, COUNTS_OF_RUN, MARGIN
+from reports.comparison.report_criteria import COUNTS, COUNTS_OF_RUN, MARGIN
 from reports.evidence.evidence_types import RunEvidence, StreamSummary, TruthComparison
 from reports.scores.confidence_interval import MeanInterval
 from reports.scores.contact_scores import ContactScores

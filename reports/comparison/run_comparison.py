@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from reports.comparison.criteria import judge_model, judge_modulus, judge_record
 from reports.comparison.recovered_truth import recover_truth
+from reports.comparison.report_criteria import judge_model, judge_modulus, judge_record
 from reports.comparison.result_types import RunStatistics, TrialResult, ValidationReport
 from reports.comparison.verdict_sentences import abstract_of, limits_of, read_scores, verdict_of
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence

@@ -15,7 +15,7 @@ from typing import Any
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.config.stated_uncertainty import Stated
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.force_sensor_gain import ForceHistory
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import (

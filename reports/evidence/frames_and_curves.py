@@ -17,7 +17,7 @@ from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
-from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays
+from tacauchy_rig.core.store.recording.mcap_reader import ForceArrays
 from tacauchy_rig.core.store.run_store import RunStore
 
 THIRDS = 3
@@ -74,12 +74,7 @@ class AttemptReading:
     @property
     def force(self) -> ForceArrays:
         """The force stream, raw."""
-        return self.recording.force()
-
-    @property
-    def arm(self) -> ArmArrays:
-        """The arm's states."""
-        return self.recording.arm()
+        return self.recording.force
 
     @cached_property
     def reference(self) -> ImageArray | None:
@@ -146,7 +141,8 @@ class AttemptReading:
         contact_z_m = self.record.contact_z_m
         if contact_z_m is None:
             return None
-        return self._curve(self.arm.stamp_ns, contact_z_m - self.arm.pose[:, Z])
+        arm = self.recording.arm
+        return self._curve(arm.stamp_ns, contact_z_m - arm.pose[:, Z])
 
     @property
     def frame_stamps(self) -> Curve:
@@ -176,7 +172,7 @@ class AttemptReading:
         found = (
             summarize_stream("force", force.stamp_ns, force.counter, config.force_sensor.rate),
             summarize_stream("image", stamps, counters, config.camera.rate),
-            summarize_stream("arm", self.arm.stamp_ns),
+            summarize_stream("arm", self.recording.arm.stamp_ns),
         )
         return tuple(stream for stream in found if stream is not None)
 

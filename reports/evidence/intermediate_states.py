@@ -26,14 +26,7 @@ def intermediate_states(
         return ()
     frames = _frames(passed["force_n"], attempt)
     return tuple(
-        IntermediateState(
-            force_n=float(passed["force_n"][k]),
-            depth_m=float(passed["depth_m"][k]),
-            image=passed["image"][k],
-            dent_m=passed["dent_m"][k],
-            pressure_pa=passed["pressure_pa"][k],
-            frame=frame,
-        )
+        IntermediateState(**{name: passed[name][k] for name in _KEYS}, frame=frame)
         for k, frame in enumerate(frames)
     )
 

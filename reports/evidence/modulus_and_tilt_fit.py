@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 
 TRIALS_MIN = 3

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment
 
-from reports.comparison import criteria
+from reports.comparison import report_criteria as criteria
 from reports.comparison.result_types import badness
 from reports.comparison.verdict_sentences import MINUS
 from reports.evidence.evidence_types import IntermediateState, RunEvidence, TrialEvidence, camera_of

@@ -8,13 +8,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from types import EllipsisType
 
 import numpy as np
 
 from reports.evidence.evidence_types import TrialEvidence, TrialImages
 from reports.scores.image_metrics import ImageScores, Metric, score
-from tacauchy_rig.core.arrays import BoolArray, ImageArray
+from tacauchy_rig.core.arrays import ImageArray
 
 NOISE_MULTIPLE = 3.0
 
@@ -147,21 +146,3 @@ def skill(
     return Skill(
         value=place, status=SkillStatus.STATED if place <= 1.0 else SkillStatus.ABOVE_CEILING
     )
-
-
-def press_over(
-    images: TrialImages, other: TrialEvidence, region: BoolArray | EllipsisType = ...
-) -> ImageArray | None:
-    """Return what another trial's replay shows, over this trial's own no-contact frame.
-
-    Light that drifted between the trials would otherwise tell them apart, and a score would
-    seem to know the force. With a region only its pixels are returned, shape [n, 3]; None when
-    the other trial has no images.
-    """
-    if other.simulated_image is None or other.images is None:
-        return None
-    if other.images is images:
-        return other.simulated_image[region]
-    bare = other.images.reference[region].astype(np.int16)
-    change = other.simulated_image[region].astype(np.int16) - bare
-    return np.asarray(np.clip(images.reference[region] + change, 0, 255), dtype=np.uint8)

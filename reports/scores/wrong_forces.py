@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import EllipsisType
 
 import numpy as np
 
 from reports.evidence.evidence_types import PressKey, TrialEvidence, TrialImages
 from reports.scores.contact_scores import image_change, relative_residual, touched
-from reports.scores.floor_and_ceiling import press_over
 from reports.scores.image_metrics import ImageScores, Metric, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
@@ -30,6 +30,24 @@ class WrongForceMatrix:
     values: tuple[tuple[float, ...], ...]
     # Per row, whether the own press scores better than every wrong force.
     diagonal_wins: tuple[bool, ...]
+
+
+def press_over(
+    images: TrialImages, other: TrialEvidence, region: BoolArray | EllipsisType = ...
+) -> ImageArray | None:
+    """Return what another trial's replay shows, over this trial's own no-contact frame.
+
+    Light that drifted between the trials would otherwise tell them apart, and a score would
+    seem to know the force. With a region only its pixels are returned, shape [n, 3]; None when
+    the other trial has no images.
+    """
+    if other.simulated_image is None or other.images is None:
+        return None
+    if other.images is images:
+        return other.simulated_image[region]
+    bare = other.images.reference[region].astype(np.int16)
+    change = other.simulated_image[region].astype(np.int16) - bare
+    return np.asarray(np.clip(images.reference[region] + change, 0, 255), dtype=np.uint8)
 
 
 def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:

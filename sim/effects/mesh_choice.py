@@ -15,8 +15,8 @@ import numpy as np
 
 from sim.effects.depth_and_inertia_scales import contact_radius, expected_depth
 from sim.mesh.brick_refinement import bisected_level, brick_mesh, with_rim_fitted, with_top_fitted
+from sim.mesh.cached_tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.footprint_sizing import Footprint, footprint, sizing_field
-from sim.mesh.mesh_and_cache import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, TurnedIndenter, tilted

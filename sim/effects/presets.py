@@ -17,8 +17,8 @@ from sim.effects.symmetry_planes import mirrors
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series
+from sim.mesh.cached_tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh

@@ -15,10 +15,10 @@ import scipy
 
 from sim.contact.surface_and_grip import Grip, State
 from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
+from sim.effects.minimum_rim_radius import regularised_indenter
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import build_model
 from sim.effects.press_outputs import PressOutputs, outputs_of
-from sim.effects.rim_rounding import regularised_indenter
 from sim.mesh.elements import EDGES
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
@@ -31,7 +31,7 @@ from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia, weight
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.npz_and_vtu import top_surface
 from sim.fields.pressure_and_shear import ContactTraction, contact_forces, surface_traction
+from sim.fields.saved_press import top_surface
 from sim.mesh.elements import linear_facets
 from sim.scene.triangle_surface import unit
 from sim.solve.loading_path import LoadingPath

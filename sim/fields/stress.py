@@ -15,9 +15,9 @@ import warp as wp
 
 from sim.device import Device, on_host
 from sim.fields.stress_projection_kernel import projection_kernel
+from sim.mesh.cached_tet_mesh import tet_volumes
 from sim.mesh.clamping_and_sparsity import assembled
 from sim.mesh.elements import EDGES, boundary_faces, shape_gradients
-from sim.mesh.mesh_and_cache import tet_volumes
 from sim.scene.triangle_surface import renumbered
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray

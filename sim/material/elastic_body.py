@@ -17,8 +17,8 @@ from sim.material.elasticity_kernels import (
 )
 from sim.material.laws.law_and_lame import Law, Tangent, lame
 from sim.material.relaxation import PronySeries, Relaxation
+from sim.mesh.cached_tet_mesh import TetMesh
 from sim.mesh.clamping_and_sparsity import Discretisation
-from sim.mesh.mesh_and_cache import TetMesh
 from sim.scene.material import Material
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError

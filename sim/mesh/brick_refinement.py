@@ -20,13 +20,13 @@ from itertools import permutations
 import numpy as np
 import scipy
 
+from sim.mesh.cached_tet_mesh import TetMesh, oriented, tet_volumes
 from sim.mesh.elements import boundary_faces
-from sim.mesh.mesh_and_cache import TetMesh, oriented, tet_volumes
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.time_limits import check_time
+from tacauchy_rig.core.time_limit_and_progress import check_time
 
 _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.

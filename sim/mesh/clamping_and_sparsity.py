@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from sim.mesh.cached_tet_mesh import TetMesh
 from sim.mesh.elements import (
     ElementOrder,
     ReferenceElement,
@@ -20,7 +21,6 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
-from sim.mesh.mesh_and_cache import TetMesh
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from sim.mesh.mesh_and_cache import TetMesh, oriented
+from sim.mesh.cached_tet_mesh import TetMesh, oriented
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.pad import ParametricPad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from sim.mesh.mesh_and_cache import TetMesh, oriented
+from sim.mesh.cached_tet_mesh import TetMesh, oriented
 from sim.mesh.revolved_mesh import triangulated
 from sim.scene.indenter import ring_walls
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.time_limits import check_time, time_left_s
+from tacauchy_rig.core.time_limit_and_progress import check_time, time_left_s
 
 # The sizing field's grid reaches so far beyond the pad, in half extents, and has so many points.
 _GRID_REACH = 1.1

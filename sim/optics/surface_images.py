@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.device import Device
-from sim.fields.npz_and_vtu import top_surface
+from sim.fields.saved_press import top_surface
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left

@@ -16,8 +16,8 @@ from sim.scene.scene import Scene, Target, TetWildOptions, tetwild_options_of
 from sim.scene.triangle_surface import MeshUnit
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import SensorOptics, parse_optics
+from tacauchy_rig.core.config.field_ranges import Frequency, Length, Pressure, Ratio, Section, Time
 from tacauchy_rig.core.config.load import parse_toml, read_section, read_toml
-from tacauchy_rig.core.config.unit_fields import Frequency, Length, Pressure, Ratio, Section, Time
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.registry import Kind, load, names, unknown
 

@@ -45,7 +45,7 @@ from sim.solve.overlap_and_inversion import (
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.time_limits import check_time
+from tacauchy_rig.core.time_limit_and_progress import check_time
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11

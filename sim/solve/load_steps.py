@@ -22,7 +22,7 @@ from sim.solve.path_point import PathCounts, PathPoint, predicted_state
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 logger = logging.getLogger(__name__)
 

@@ -27,7 +27,7 @@ from sim.solve.path_point import PathCounts, PathPoint
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.time_limits import check_time, doing
+from tacauchy_rig.core.time_limit_and_progress import check_time, doing
 
 # Height of an indenter that touches nothing, in heights of the pad.
 _CLEARANCE_HEIGHTS = 10.0

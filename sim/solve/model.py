@@ -10,9 +10,9 @@ from sim.device import KERNEL_EPSILON, Device, on_host
 from sim.material.elastic_body import ElasticBody
 from sim.material.laws.law_and_lame import Law
 from sim.material.relaxation import PronySeries
+from sim.mesh.cached_tet_mesh import TetMesh
 from sim.mesh.clamping_and_sparsity import discretise
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import TetMesh
 from tacauchy_rig.core.arrays import FloatArray
 
 

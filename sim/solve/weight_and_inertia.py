@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from sim.device import Device
+from sim.mesh.cached_tet_mesh import tet_volumes
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import tet_volumes
 from sim.solve.descent_state import Pull
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray

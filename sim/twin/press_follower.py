@@ -14,8 +14,8 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import CoarsePath, path_for
 from sim.error_estimate import coarse_reference, estimate_from
-from sim.fields.npz_and_vtu import top_surface
 from sim.fields.pressure_and_shear import surface_traction
+from sim.fields.saved_press import top_surface
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import psutil
 
-from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
 from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus, failed, judged, passed, skipped
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes, writing
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session

@@ -16,12 +16,6 @@ _COLOUR = {
     2: cv2.IMREAD_REDUCED_COLOR_2,
     1: cv2.IMREAD_COLOR,
 }
-_GREY = {
-    8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
-    4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
-    2: cv2.IMREAD_REDUCED_GRAYSCALE_2,
-    1: cv2.IMREAD_GRAYSCALE,
-}
 
 
 _PNG = b"\x89PNG"
@@ -55,7 +49,7 @@ def decode_rgb(data: bytes, *, reduction: int = 1) -> ImageArray | None:
 
 def decode_grey(data: bytes, *, reduction: int = 1) -> ImageArray | None:
     """Return the luminance of a JPEG or PNG, [height, width]; arguments as for ``decode_rgb``."""
-    return _decoded(data, _GREY[reduction])
+    return _decoded(data, _COLOUR[reduction] & ~cv2.IMREAD_COLOR)
 
 
 def _pixel_count(data: bytes) -> int:

@@ -38,16 +38,16 @@ class Kind(StrEnum):
 
 _OWN: dict[Kind, dict[str, str]] = {
     Kind.ARM: {
-        "ur5": "drivers.arm.ur5_and_watchdog:Ur5",
-        "emulated": "drivers.arm.ur5_and_watchdog:Ur5",
+        "ur5": "drivers.arm.ur5_motion_and_watchdog:Ur5",
+        "emulated": "drivers.arm.ur5_motion_and_watchdog:Ur5",
     },
     Kind.FORCE_SENSOR: {
         "m3733c": "drivers.force_sensor.sri_m3733c:SriM3733c",
         "emulated": "drivers.force_sensor.sri_m3733c:SriM3733c",
     },
     Kind.CAMERA: {
-        "uvc": "drivers.camera.uvc:UvcCamera",
-        "emulated": "drivers.camera.uvc:UvcCamera",
+        "uvc": "drivers.camera.uvc_camera:UvcCamera",
+        "emulated": "drivers.camera.uvc_camera:UvcCamera",
     },
     Kind.LAW: {
         "stable-neo-hookean": "sim.material.laws.stable_neo_hookean:LAW",

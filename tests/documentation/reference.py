@@ -11,9 +11,9 @@ from typer.core import TyperGroup
 
 import tacauchy_rig
 from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.core.config.field_ranges import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.unit_fields import ceilings
 from tacauchy_rig.core.quantities import UNITS, Dimension
 from tests.architecture import packages
 

@@ -30,7 +30,7 @@ FORKED = multiprocessing.get_context("forkserver")
 """Of processes that begin as forks of one that has imported what they need, for a tenth."""
 FORKED.set_forkserver_preload(
     [
-        "tests.drivers.arm.test_ur5_and_watchdog",
+        "tests.drivers.arm.test_ur5_motion_and_watchdog",
         "drivers.emulators.arm.controller",
         "drivers.emulators.force_sensor.m8128_box_and_noise",
         "protocols.processes.control_process",

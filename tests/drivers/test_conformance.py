@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from drivers.arm.ur5_and_watchdog import Ur5
-from drivers.camera.uvc import UvcCamera
+from drivers.arm.ur5_motion_and_watchdog import Ur5
+from drivers.camera.uvc_camera import UvcCamera
 from drivers.conformance import (
     ARM_CHECKS,
     LOCKING_ARM_CHECKS,

@@ -18,9 +18,9 @@ from drivers.device_checks import (
     require_devices,
 )
 from drivers.interfaces import StreamHealth
-from tacauchy_rig.core.check_result import CheckResult, CheckStatus
 from tacauchy_rig.core.config.load import load_config, restore_config
 from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus
 from tacauchy_rig.core.errors import DeviceError
 from tests.drivers.conftest import changed
 

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Self
 
-from drivers.emulators.arm.safety_motion_and_force_estimate import ForceEstimate
+from drivers.emulators.arm.coarse_force_estimate import ForceEstimate
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
 from drivers.interfaces import Clock, DeviceIdentity
 from tacauchy_rig.core.config.settings import RigConfig

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.emulators.faults import Device, FaultKind, SilentImageFaults, SilentWrenchFaults
 from drivers.interfaces import Clock, DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer
+from drivers.stream_buffer_and_repeats import StreamBuffer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame

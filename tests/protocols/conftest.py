@@ -10,11 +10,11 @@ import pytest
 
 from drivers.interfaces import Rig
 from protocols.control.cycle import Cycle
-from protocols.control.entries_and_rates import Begin, End, Entry, Journal
+from protocols.control.record_entries_and_rates import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.trials.attempt_criteria import PlannedTrial
-from protocols.trials.programme import ProgrammeResult, run_programme
+from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.trial_sequence import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import (

@@ -24,7 +24,7 @@ from reports.evidence.evidence_types import (
 from reports.page import summary_and_junit as report_files
 from reports.page.summary_and_junit import ReportPaths, write_report
 from tacauchy_rig.core.config.settings import ReportSection
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,

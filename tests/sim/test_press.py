@@ -8,7 +8,7 @@ import pytest
 from sim.contact.surface_and_grip import ContactOptions
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import surface_state
+from sim.fields.saved_press import surface_state
 from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved_mesh import Grading, revolved_mesh

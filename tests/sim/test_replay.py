@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.fields.npz_and_vtu import TrialFields
+from sim.fields.saved_press import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import reference_path, replay_forces, replay_scene
 from sim.scene.indenter import Cylinder

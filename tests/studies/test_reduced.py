@@ -19,7 +19,6 @@ import pytest
 from reports.scores.residual_causes import Cause
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.residual_split import SplitPart
 from tacauchy_rig.core.simulated import ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
 from tests.recorded_run import coarse_sensor, new_run, press_run
@@ -101,8 +100,8 @@ def test_residual(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """
     forces_n = []
 
-    def split(parts: Sequence[SplitPart], *_: object, **__: object) -> ResidualSplit:
-        forces_n.append([each.record.force_measured_n for part in parts for each in part.attempts])
+    def split(parts: Sequence[Any], *_: object, **__: object) -> ResidualSplit:
+        forces_n.append([each.record.force_measured_n for _, own in parts for each in own])
         return ResidualSplit(trials=(), shares={cause.value: 0.125 for cause in Cause}, found=())
 
     monkeypatch.setattr(residual_command, "split_images", split)

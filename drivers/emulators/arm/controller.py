@@ -14,15 +14,15 @@ from enum import IntEnum
 from pathlib import Path
 
 from drivers.arm.ur5_rtde import RuntimeState
+from drivers.emulators.arm.coarse_force_estimate import ForceEstimate
 from drivers.emulators.arm.rtde_and_dashboard_ports import DashboardPort, RtdePort, ScriptPort
-from drivers.emulators.arm.safety_motion_and_force_estimate import (
+from drivers.emulators.arm.safety_and_registers import (
     EMERGENCY_STOP,
     NORMAL,
     PROGRAM_END_DECELERATION,
     PROTECTIVE_STOP,
     SAFETY_STOP_DECELERATION,
     ControllerBody,
-    ForceEstimate,
     Safety,
 )
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults

@@ -21,7 +21,7 @@ from drivers.arm.ur5_rtde import (
     pack_packet,
     split_names,
 )
-from drivers.emulators.arm.safety_motion_and_force_estimate import VERSIONS, ControllerBody
+from drivers.emulators.arm.safety_and_registers import VERSIONS, ControllerBody
 from drivers.emulators.faults import take_due
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.lights_and_camera import render_press, view_of
+from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth

@@ -27,7 +27,7 @@ from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import to_grey
 from tacauchy_rig.core.parallel import parallel_map
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 _NUDGES = 2
 CROP_SHARE = 0.375

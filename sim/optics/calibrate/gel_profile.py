@@ -16,7 +16,7 @@ from scipy import ndimage
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_tracking import MarkerTracks

@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 
 from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
-from sim.fields.npz_and_vtu import SurfaceState, TopSurface
+from sim.fields.saved_press import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 from sim.optics.height import slope_kernel as kernels
 from sim.optics.height.pixel_height_kernel import BARE_M, View, bound_heights, draw_facets

@@ -9,7 +9,7 @@ import warp as wp
 
 from sim.contact.indenter_distance import Body, Poses, body_of, posed, poses_at
 from sim.device import Device
-from sim.fields.npz_and_vtu import SurfaceState
+from sim.fields.saved_press import SurfaceState
 from sim.scene.triangle_distance import BESIDE, lowest_height
 from tacauchy_rig.core.arrays import FloatArray
 

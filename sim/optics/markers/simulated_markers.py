@@ -8,7 +8,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from sim.device import Device
-from sim.fields.npz_and_vtu import SurfaceState, TopSurface
+from sim.fields.saved_press import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.optics.markers import marker_kernel as kernels
 from sim.optics.markers.marker_tracking import FINE, PrintedMarkers

@@ -16,8 +16,8 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import EndState, end_state, path_for
 from sim.fields.contact_moment_and_area import contact_measures
-from sim.fields.npz_and_vtu import surface_state
 from sim.fields.pressure_and_shear import surface_traction
+from sim.fields.saved_press import surface_state
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.optics.height.height_map import HeightMaps, height_maps

@@ -15,7 +15,7 @@ from sim.device import Device
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps

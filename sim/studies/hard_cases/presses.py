@@ -12,8 +12,8 @@ import scipy.sparse.linalg
 
 from sim.effects.presets import build_model
 from sim.fields.contact_moment_and_area import contact_measures
+from sim.mesh.cached_tet_mesh import TetMesh, smallest_dihedral_deg
 from sim.mesh.elements import ElementOrder, boundary_faces
-from sim.mesh.mesh_and_cache import TetMesh, smallest_dihedral_deg
 from sim.press import press
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName, Layer, Material

@@ -7,8 +7,8 @@ import numpy as np
 from sim.contact.surface_and_grip import ContactOptions, Grip
 from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import kuhn_tets
+from sim.mesh.cached_tet_mesh import TetMesh, oriented
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import TetMesh, oriented
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.scene.indenter import Cylinder, Sphere

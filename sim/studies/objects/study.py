@@ -16,7 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import follow, path_for
-from sim.fields.npz_and_vtu import surface_state
+from sim.fields.saved_press import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer
 from sim.scene.indenter import MeshIndenter

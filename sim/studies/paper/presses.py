@@ -10,8 +10,8 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import PAPER_SIZING, build_model, mesh_for
 from sim.effects.press_with_effects import follow, path_for
 from sim.fields.stress import surface_stress
+from sim.mesh.cached_tet_mesh import TetMesh, mesh_key, stored_mesh
 from sim.mesh.elements import boundary_faces
-from sim.mesh.mesh_and_cache import TetMesh, mesh_key, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import PressResult, measure, press
 from sim.press_arguments import scene_from

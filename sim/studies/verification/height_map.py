@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import follow, path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere

@@ -10,10 +10,10 @@ import numpy as np
 
 from sim.contact.surface_and_grip import Grip
 from sim.effects.effect_choice import plan_effects
+from sim.effects.minimum_rim_radius import regularised_indenter
 from sim.effects.presets import build_model
-from sim.effects.rim_rounding import regularised_indenter
-from sim.fields.npz_and_vtu import top_surface
 from sim.fields.pressure_and_shear import surface_traction
+from sim.fields.saved_press import top_surface
 from sim.mesh.elements import quadratic_triangle_values
 from sim.press_arguments import scene_from
 from sim.scene.indenter import Sphere

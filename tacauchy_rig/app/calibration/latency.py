@@ -197,7 +197,7 @@ def find_latency(store: RunStore) -> Latency:
     """
     trial, attempt, start_ns, end_ns = _last_sway(store)
     recording = Recording.open(store.paths.recording(trial, attempt))
-    arm, force = recording.arm(), recording.force()
+    arm, force = recording.arm, recording.force
     swayed = slice(*np.searchsorted(arm.stamp_ns, (start_ns, end_ns)))
     arm_s = even_stamps(arm.stamp_ns[swayed], arm.controller_time_s[swayed], share=EARLY_SHARE)
     depth = (arm_s, -arm.pose[swayed, 2])

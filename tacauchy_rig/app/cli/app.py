@@ -18,7 +18,7 @@ from tacauchy_rig.app.cli.output import compilation_told, complain, documented, 
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
 from tacauchy_rig.core.store.atomic_write import write_error
 from tacauchy_rig.core.threads import take_one_thread
-from tacauchy_rig.core.time_limits import told
+from tacauchy_rig.core.time_limit_and_progress import told
 
 
 def lazy_group(

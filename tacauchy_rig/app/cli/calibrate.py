@@ -25,14 +25,14 @@ from tacauchy_rig.app.cli.output import (
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import RenderedPress
     from sim.optics.calibrate.pixel_scale import ScaleFit
     from sim.sensor.sensor import Sensor
-    from tacauchy_rig.app.calibration.material.fit import GelFit, Interval
-    from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+    from tacauchy_rig.app.calibration.material.fit_and_next_presses import GelFit, Interval
+    from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
     from tacauchy_rig.app.calibration.optics.from_folder import OpticsResult
 
 
@@ -260,7 +260,7 @@ def material(
         noise: Standard deviation of a force in a CSV file.
         contact_force: Force at depth zero in CSV files.
     """
-    from tacauchy_rig.app.calibration.material.fit import (
+    from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
         MU,
         NU,
         YOUNG,
@@ -271,8 +271,8 @@ def material(
         predict_left_out,
         respond,
     )
-    from tacauchy_rig.app.calibration.material.presses import read_presses
-    from tacauchy_rig.app.calibration.material.sensor_file import relaxation_of
+    from tacauchy_rig.app.calibration.material.measured_presses import read_presses
+    from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import relaxation_of
 
     noise_n, contact_n = (
         parse_quantity(text, dimension=Dimension.FORCE, field=field)
@@ -341,7 +341,10 @@ def _write(
     out: Path, best: list[float], young: Interval, poisson: Interval, groups: list[IndenterPresses]
 ) -> None:
     """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
-    from tacauchy_rig.app.calibration.material.sensor_file import sensor_text, with_gel
+    from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import (
+        sensor_text,
+        with_gel,
+    )
 
     _, nu, mu = best[:3]
     emulated = ", emulated" if any(group.simulated for group in groups) else ""

@@ -58,7 +58,7 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     Example: tacauchy-rig config ceilings
     """
     from tacauchy_rig.app.replay.simulator_inputs import DEPTH_SHARE, PRESSURE_MODULI
-    from tacauchy_rig.core.config.unit_fields import ceilings
+    from tacauchy_rig.core.config.field_ranges import ceilings
     from tacauchy_rig.core.markdown_page import page
 
     table = tables.table_of(

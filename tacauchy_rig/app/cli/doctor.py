@@ -5,14 +5,7 @@ from pathlib import Path
 import typer
 
 from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, say, write_json
-from tacauchy_rig.core.check_result import CheckResult, CheckStatus
-
-_MARKS = {
-    CheckStatus.OK: "ok  ",
-    CheckStatus.WARN: "warn",
-    CheckStatus.FAIL: "FAIL",
-    CheckStatus.SKIP: "skip",
-}
+from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus
 
 
 def doctor(
@@ -35,7 +28,7 @@ def doctor(
     from drivers.device_checks import device_checks
     from tacauchy_rig.app.host_checks import host_checks
     from tacauchy_rig.app.replay.simulator_inputs import check_gel, check_replay
-    from tacauchy_rig.core.check_result import checked
+    from tacauchy_rig.core.doctor_check import checked
 
     checks = [
         *host_checks(config),
@@ -57,7 +50,8 @@ def doctor(
 
 
 def _show(check: CheckResult) -> None:
-    say(f"{_MARKS[check.status]}  {check.name}: {check.finding}")
+    mark = "FAIL" if check.status is CheckStatus.FAIL else check.status
+    say(f"{mark:4}  {check.name}: {check.finding}")
     if check.remedy and check.status in (CheckStatus.WARN, CheckStatus.FAIL):
         say(f"      -> {check.remedy}")
 

@@ -125,7 +125,7 @@ def presses(
     from drivers.emulators.plant.truth import draw_truth
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
-    from tacauchy_rig.core.time_limits import doing
+    from tacauchy_rig.core.time_limit_and_progress import doing
 
     known = load_sensor(sensor)
     writable_folder(out)

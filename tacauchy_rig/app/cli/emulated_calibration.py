@@ -13,15 +13,11 @@ from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_pre
 from drivers.emulators.plant.truth import EmulatedUnit, GelDisc, GelLight, MarkerGrid, read_truth
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.chosen_optics import (
-    Calibrate,
-    OpticalCalibration,
-    Say,
-    calibrate_folder,
-)
+from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, calibrate_folder
 from tacauchy_rig.app.replay.simulator_inputs import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 
 # A file's numbers are finite: a flat top is a dome of this radius, 0.1 um over 28 mm.
 _FLAT_M = 1e3
@@ -94,14 +90,12 @@ def _calibrated(
     """Return the calibration and its lines of progress."""
     os.nice(niceness)
     lines: list[str] = []
-    return calibrate(sensor, lines.append), lines
+    with heard(lines.append):
+        return calibrate(sensor), lines
 
 
 def _awaited(
-    begun: Future[tuple[OpticalCalibration, list[str]]],
-    calibrate: Calibrate,
-    sensor: Sensor,
-    say: Say,
+    begun: Future[tuple[OpticalCalibration, list[str]]], calibrate: Calibrate, sensor: Sensor
 ) -> OpticalCalibration:
     if not begun.done():
         say("waiting for the calibration of the emulated sensor's optics")
@@ -109,7 +103,7 @@ def _awaited(
         found, lines = begun.result()
     except BrokenExecutor:
         say("the process that calibrated the optics was ended: calibrating again")
-        return calibrate(sensor, say)
+        return calibrate(sensor)
     for line in lines:
         say(line)
     return found
@@ -126,7 +120,7 @@ def emulated_calibration(store: RunStore) -> Calibrate | None:
     return partial(_calibrate, store.paths.truth, store.paths.root / "calibration")
 
 
-def _calibrate(truth: Path, folder: Path, sensor: Sensor, say: Say) -> OpticalCalibration:
+def _calibrate(truth: Path, folder: Path, sensor: Sensor) -> OpticalCalibration:
     say("calibrating optics and scale from ball presses on the emulated sensor")
     write_ball_presses(read_truth(truth), folder)
-    return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M, on_progress=say)
+    return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M)

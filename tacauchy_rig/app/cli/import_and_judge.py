@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sim.scene.scene import Drive, Preset
 from tacauchy_rig.app.cli.output import (
     JsonFile,
     Overrides,
@@ -19,7 +20,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
 )
 from tacauchy_rig.core.errors import ConfigError, command_line
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing, heard
 
 if TYPE_CHECKING:
     from reports.evidence.evidence_types import RunEvidence
@@ -71,8 +72,6 @@ def import_(
 
 def _check(config: RigConfig) -> None:
     """Refuse what nothing can be replayed with; the simulator is only loaded to ask for more."""
-    from sim.scene.scene import Drive, Preset
-
     replay = config.replay
     is_plain = replay.preset in {"auto", *Preset} and replay.drive in set(Drive)
     if not is_plain or replay.tolerance is not None or replay.law is not None:
@@ -154,7 +153,8 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     folder = out / baseline.value
     check_empty(folder)
     calibrate = emulated_calibration(reading.store)
-    found = rigid_outputs(reading, calibrate=calibrate, on_progress=say)
+    with heard(say):
+        found = rigid_outputs(reading, calibrate=calibrate)
     write_outputs(folder, found)
     say(f"wrote {len(found.presses)} presses to {folder}")
     return folder

@@ -15,6 +15,8 @@ from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, tak
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
+from tacauchy_rig.core.time_limit_and_progress import doing
+from tacauchy_rig.core.time_limit_and_progress import time_limit as limited_to
 
 if TYPE_CHECKING:
     from sim.press import PressResult
@@ -95,8 +97,6 @@ def press(
     from sim.device import warp_device
     from sim.press import press as simulate_press
     from sim.press_arguments import scene_of
-    from tacauchy_rig.core.time_limits import doing
-    from tacauchy_rig.core.time_limits import time_limit as limited_to
 
     limit_s = _seconds(time_limit)
     # What is written is asked for.

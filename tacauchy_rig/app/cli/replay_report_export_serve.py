@@ -9,18 +9,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.live_viewing import tell
+from sim.tolerance import Tolerance, parse_tolerance
+from tacauchy_rig.app.cli.live_viewing import open_in_browser, tell
 from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json
 from tacauchy_rig.app.exporting.formats import Format
+from tacauchy_rig.app.exporting.formats import export as write
 from tacauchy_rig.core.errors import AbortedError, command_line
+from tacauchy_rig.core.parallel import worker_process
+from tacauchy_rig.core.time_limit_and_progress import doing, heard, told
 
 if TYPE_CHECKING:
     from protocols.processes.viewer_processes import Viewing
     from reports.evidence.frames_and_curves import RunReading
-    from sim.tolerance import Tolerance
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
-    from tacauchy_rig.core.store.check.run_check import RunCheck
+    from tacauchy_rig.core.store.check.run_and_press_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
 
 
@@ -43,17 +46,13 @@ def replay(
         watch: Only let a twin follow the recorded forces, and write a page with a time slider:
             camera and twin, pressure, shear, residual.
     """
-    from tacauchy_rig.core.time_limits import doing
-
     with doing("checking the recordings"):  # and loading the program, on a busy computer
-        from sim.tolerance import parse_tolerance
         from tacauchy_rig.app.cli.emulated_calibration import (
             begin_calibration,
             emulated_calibration,
         )
         from tacauchy_rig.app.replay.open_run import open_run
-        from tacauchy_rig.core.parallel import worker_process
-        from tacauchy_rig.core.store.check.run_check import check_run
+        from tacauchy_rig.core.store.check.run_and_press_check import check_run
 
         run = open_run(folder)
         kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
@@ -79,13 +78,13 @@ def _watch(run: RunReading, given: Path | None) -> None:
     from tacauchy_rig.app.twin.run_follower import watch_run
 
     config = run.store.config
-    optics = optics_of(
-        config.sensor.optics_calibration if given is None else str(given),
-        sensor_of(config),
-        calibrate=emulated_calibration(run.store),
-        on_progress=say,
-    )
-    say(f"page {watch_run(run, optics=optics, on_progress=say).resolve()}")
+    with heard(say):
+        optics = optics_of(
+            config.sensor.optics_calibration if given is None else str(given),
+            sensor_of(config),
+            calibrate=emulated_calibration(run.store),
+        )
+        say(f"page {watch_run(run, optics=optics).resolve()}")
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
@@ -145,7 +144,6 @@ def replay_and_show(
     page: Viewing | None = None,
 ) -> None:
     """Replay a run, and print the stated error of its forces; a page is told, too."""
-    from tacauchy_rig.core.time_limits import doing, told
 
     def show(text: str) -> None:
         say(text)
@@ -172,7 +170,6 @@ def report_and_exit(
 ) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
     from tacauchy_rig.app.replay.report_run import report_run
-    from tacauchy_rig.core.time_limits import doing
 
     say("writing the report")
     tell(page, "analysing", "writing the report")
@@ -237,9 +234,6 @@ def export(
         sensor: The sensor that was calibrated.
         background (IMAGE): Its no-contact frame; an even grey if absent.
     """
-    from tacauchy_rig.app.exporting.formats import export as write
-    from tacauchy_rig.core.time_limits import doing
-
     with doing("exporting"):
         write(source, out, to, sensor=sensor, background=background)
     written = sorted(path for path in out.rglob("*") if path.is_file())
@@ -271,8 +265,7 @@ def serve(
 
     from protocols.processes.page.access_token import AccessRule
     from protocols.processes.viewer_processes import listen
-    from tacauchy_rig.app.cli.live_viewing import open_in_browser
-    from tacauchy_rig.app.results.run_list_and_trend import folder_of_runs
+    from tacauchy_rig.app.results.run_list_comparison_trend import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)

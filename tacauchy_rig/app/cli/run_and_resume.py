@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.device_checks import require_devices
 from tacauchy_rig.app.cli.live_viewing import TWIN_WORDS, port_of, told_of_errors, viewers_of
 from tacauchy_rig.app.cli.output import (
     JsonFile,
@@ -22,15 +23,16 @@ from tacauchy_rig.app.cli.output import (
     say,
     takes,
 )
-from tacauchy_rig.core.check_result import CheckStatus
+from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config, resumed_config
+from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.doctor_check import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.known_weight import Weight, parse_weight
+from tacauchy_rig.core.run import Outcome
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
-    from tacauchy_rig.core.config.load import LoadedConfig
-    from tacauchy_rig.core.config.settings import RigConfig
-    from tacauchy_rig.core.known_weight import Weight
     from tacauchy_rig.core.store.run_store import RunStore
 
 EMULATED_WEIGHT = "200g"
@@ -93,8 +95,6 @@ class Request:
     @property
     def weight(self) -> Weight | None:
         """Checks the cell before anything moves; None leaves that out."""
-        from tacauchy_rig.core.known_weight import parse_weight
-
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
@@ -104,8 +104,6 @@ def dry_run(request: Request, overrides: Overrides = None) -> None:
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
     """
-    from tacauchy_rig.core.config.load import default_text, load_config
-
     loaded = load_config(None, overrides=overrides or ())
     if loaded.config.moves_real_hardware:
         raise AbortedError(
@@ -122,8 +120,6 @@ def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None)
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
-    from tacauchy_rig.core.config.load import load_config
-
     loaded = load_config(path, overrides=overrides or ())
     store = _created(loaded, path.read_text("utf-8"), press_only=request.press_only)
     _press_and_report(store, store.config, request)
@@ -146,10 +142,8 @@ def resume(
             in the journal.
         again (TRIAL): Press a passed trial once more.
     """
-    from drivers.device_checks import require_devices
     from tacauchy_rig.app.cli.replay_report_export_serve import say_recovered
-    from tacauchy_rig.app.session.record_and_weigh import note_changes
-    from tacauchy_rig.core.config.load import resumed_config
+    from tacauchy_rig.app.session.record_run_and_weight_check import note_changes
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 
@@ -185,7 +179,6 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
     Raises:
         RecordError: It could not be pressed; also where a trial missed a criterion.
     """
-    from tacauchy_rig.core.config.load import default_text, load_config
     from tacauchy_rig.core.store.run_store import RunStore
 
     if path is not None and path.is_dir():
@@ -201,8 +194,7 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
 @doing("preparing the run")
 def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
-    from drivers.device_checks import require_devices
-    from tacauchy_rig.app.session.record_and_weigh import create_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import create_run
 
     _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
@@ -256,15 +248,14 @@ def _press_confirmed(
     store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
-    from tacauchy_rig.app.cli.confirmation import confirm
+    from tacauchy_rig.app.cli.operator_prompts import confirm
     from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_and_weigh import (
+    from tacauchy_rig.app.session.record_run_and_weight_check import (
         missed_lines,
         needs_weight,
         require_bounded_force,
         standing_check,
     )
-    from tacauchy_rig.core.run import Outcome
 
     if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
         request = replace(request, check_weight=EMULATED_WEIGHT)  # hung without a hand
@@ -306,14 +297,13 @@ def press(
     from drivers.emulators.plant.truth import TRUTH_FILE
     from protocols.processes.ipc import PageOptions
     from protocols.processes.viewer_processes import listen
-    from protocols.trials.programme import plan_session
+    from protocols.trials.trial_sequence import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
-    from tacauchy_rig.app.cli.progress_and_weight_prompt import SessionProgress
+    from tacauchy_rig.app.cli.session_progress import SessionProgress
     from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_and_weigh import record_run
-    from tacauchy_rig.core.run import Outcome
+    from tacauchy_rig.app.session.record_run_and_weight_check import record_run
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
@@ -372,8 +362,8 @@ def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
-    from tacauchy_rig.app.cli.progress_and_weight_prompt import ask_for_weight, hang_emulated
-    from tacauchy_rig.app.session.record_and_weigh import check_cell, mark_expired
+    from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, hang_emulated
+    from tacauchy_rig.app.session.record_run_and_weight_check import check_cell, mark_expired
 
     if weight is None:
         mark_expired(store)
@@ -388,7 +378,7 @@ def _check_force_after(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell once more after the last trial where it had to be, or was, checked before."""
-    from tacauchy_rig.app.session.record_and_weigh import ForceCheckError, needs_weight
+    from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, needs_weight
 
     before = store.force_check.load()
     if weight is None and before is not None and needs_weight(config):

@@ -11,7 +11,8 @@ import typer
 
 from tacauchy_rig.app.cli import output
 from tacauchy_rig.app.sweep.engine_names import EngineName
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, command_line
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
     from tacauchy_rig.app.sweep.engines import Engine
@@ -59,7 +60,6 @@ def sweep(
     from tacauchy_rig.app.sweep.plan import read_plan, rows_of
     from tacauchy_rig.app.sweep.run_sweep import estimate
     from tacauchy_rig.app.sweep.run_sweep import sweep as run
-    from tacauchy_rig.core.time_limits import doing
 
     plan = read_plan(plan_file)
     with doing("checking the plan"):
@@ -121,7 +121,6 @@ def _write_script(plan_file: Path, out: Path, tasks: int, limit: int | None) -> 
     from jinja2 import Template
 
     from tacauchy_rig.app.sweep.engines import InterruptedSweepError
-    from tacauchy_rig.core.errors import command_line
 
     text = resources.files(_PACKAGE).joinpath("sbatch.sh.jinja").read_text("utf-8")
     words = ["sweep", plan_file.resolve(), "--out", out.resolve(), "--engine", "folder"]

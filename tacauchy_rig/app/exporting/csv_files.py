@@ -23,7 +23,7 @@ from tacauchy_rig.core.store.recording.mcap_messages import (
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 
 logger = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ def _press_rows(
     """Yield the rows of a press: samples of force and pose, and images; what is absent is empty."""
     tare, held = result.tare_before, (result.dwell_start_ns, result.dwell_end_ns)
     rest = (result.reference_start_ns, result.reference_end_ns)
-    force, arm = recording.force(), recording.arm()
+    force, arm = recording.force, recording.arm
 
     def row(stamp_ns: int, rest: Any, **values: float | str) -> list[Any]:
         among = {"unloaded": rest, "pressed": held}
@@ -152,7 +152,7 @@ def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) 
 
 
 def _write_force(recording: Recording, result: TrialRecord | None, sign: int, path: Path) -> None:
-    force = recording.force()
+    force = recording.force
     tare = result.tare_before if result else None
     tared = force.wrench - (np.array(tare.mean) if tare else np.full(6, np.nan))
     columns = {
@@ -167,7 +167,7 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
 
 
 def _write_arm(recording: Recording, path: Path) -> None:
-    arm = recording.arm()
+    arm = recording.arm
     columns = {
         "stamp_ns": arm.stamp_ns,
         "time_s": _times(recording, arm.stamp_ns),

@@ -20,7 +20,7 @@ from tacauchy_rig.core.run import ImageFrame, TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 from tacauchy_rig.core.versions import library
 
 _NUMBERS = (
@@ -81,7 +81,7 @@ def episodes_of(store: RunStore) -> Iterator[Episode]:
 
 def _episode(store: RunStore, record: TrialRecord) -> Episode:
     recording = store.recording(record.index, record.attempt)
-    force, arm = recording.force(), recording.arm()
+    force, arm = recording.force, recording.arm
     tare = record.tare_before
     bounds = {
         "tare": (None, None) if tare is None else (tare.start_ns, tare.end_ns),
@@ -240,7 +240,7 @@ def pad_centre(store: RunStore) -> tuple[float, float] | None:
         record = store.counting(index)
         if record is None or trial.place_m is None or record.dwell_start_ns is None:
             return None
-        arm = store.recording(index, record.attempt).arm()
+        arm = store.recording(index, record.attempt).arm
         inside = (arm.stamp_ns >= record.dwell_start_ns) & (
             arm.stamp_ns <= (record.dwell_end_ns or 0)
         )

@@ -42,7 +42,7 @@ WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.ROSBAG2: ("ros_bag", "write_bag"),
     Format.WEBDATASET: ("lerobot_hdf5_zarr", "write_webdataset"),
     Format.ZARR: ("lerobot_hdf5_zarr", "write_zarr"),
-    Format.VTU: ("vtu", "write_vtu"),
+    Format.VTU: ("paraview", "write_vtu"),
     Format.USD: ("usd", "write_usd"),
     Format.ISAACLAB: ("taxim", "write_isaaclab"),
     Format.TAXIM: ("taxim", "write_taxim"),

@@ -14,9 +14,13 @@ from sim.mesh.elements import boundary_faces
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode_and_import_toml import needed
-from tacauchy_rig.app.exporting.vtu import states_of
+from tacauchy_rig.app.exporting.paraview import states_of
 from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import ConfigError
+
+_PARTS = ("Gf", "Sdf", "Usd", "UsdGeom", "UsdPhysics", "UsdShade", "Vt")
+Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt = (needed(f"pxr.{name}") for name in _PARTS)
+Kinds = Sdf.ValueTypeNames
 
 STATES_A_SECOND = 12
 PRIMVARS = {"contact_pressure_pa": "Float", "contact_shear_pa": "Vector3f"}
@@ -84,30 +88,28 @@ def _write_sensor(sensor: Sensor, out: Path) -> None:
         for k in range(4)
     ]
     prim = _define_mesh(stage, "Case", corners, np.array(sides), (0.08, 0.08, 0.08))
-    needed("pxr.UsdPhysics").CollisionAPI.Apply(prim)
+    UsdPhysics.CollisionAPI.Apply(prim)
     _define_camera(stage, sensor)
     stage.GetRootLayer().Save()
 
 
 def _colour(stage: Any, prim: Any, colour: tuple[float, float, float]) -> None:
     """Give the stage's material a surface, and a prim that material."""
-    UsdShade, kinds = needed("pxr.UsdShade"), needed("pxr.Sdf").ValueTypeNames
     material = UsdShade.Material.Get(stage, f"{stage.GetDefaultPrim().GetPath()}/Material")
     shader = UsdShade.Shader.Define(stage, f"{material.GetPath()}/Surface")
     shader.CreateIdAttr("UsdPreviewSurface")
-    shader.CreateInput("diffuseColor", kinds.Color3f).Set(needed("pxr.Gf").Vec3f(*colour))
-    surface = shader.CreateOutput("surface", kinds.Token)
+    shader.CreateInput("diffuseColor", Kinds.Color3f).Set(Gf.Vec3f(*colour))
+    surface = shader.CreateOutput("surface", Kinds.Token)
     material.CreateSurfaceOutput().ConnectToSource(surface)
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
 def _new_stage(path: Path, root: str) -> Any:
     """Return a stage in metres and kilograms, z up, with a default prim."""
-    UsdGeom = needed("pxr.UsdGeom")
-    stage = needed("pxr.Usd").Stage.CreateNew(str(path))
+    stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    needed("pxr.UsdPhysics").SetStageKilogramsPerUnit(stage, 1.0)
+    UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, f"/{root}").GetPrim())
     return stage
 
@@ -115,7 +117,6 @@ def _new_stage(path: Path, root: str) -> Any:
 def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
     """Define the gel's mesh, the skin that renderers draw, their samples in time, the material."""
     root = stage.GetDefaultPrim().GetPath()
-    UsdGeom, UsdShade, Sdf = (needed(f"pxr.{name}") for name in ("UsdGeom", "UsdShade", "Sdf"))
     body = UsdGeom.Xform.Define(stage, f"{root}/Gel").GetPrim()
     body.AddAppliedSchema("PhysicsDeformableBodyAPI")
     mesh = UsdGeom.TetMesh.Define(stage, f"{root}/Gel/Mesh")
@@ -128,8 +129,7 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
     for name in ("PhysicsVolumeDeformableSimAPI", "PhysicsCollisionAPI"):
         prim.AddAppliedSchema(name)
     mesh.CreatePointsAttr(_array("Vec3f", found["node_rest_m"][corners]))
-    kinds = Sdf.ValueTypeNames
-    rest = prim.CreateAttribute("physics:restShapePoints", kinds.Point3fArray)
+    rest = prim.CreateAttribute("physics:restShapePoints", Kinds.Point3fArray)
     rest.Set(mesh.GetPointsAttr().Get())
     outer, faces = np.unique(found["faces"], return_inverse=True)
     shown = _define_mesh(
@@ -146,7 +146,7 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
         ("poissonsRatio", found["poisson"][touched]),
         ("density", found["density_kg_m3"]),
     ):
-        of_material.CreateAttribute(f"physics:{name}", kinds.Float).Set(float(value))
+        of_material.CreateAttribute(f"physics:{name}", Kinds.Float).Set(float(value))
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, materialPurpose="physics")
     UsdShade.MaterialBindingAPI.Apply(body).Bind(material, materialPurpose="physics")
     _colour(stage, shown, _GEL_COLOUR)
@@ -154,10 +154,9 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
 
 def _add_samples(prim: Any, nodes: AnyArray, found: dict[str, AnyArray]) -> None:
     """Add where nodes are in time, and the fields there."""
-    UsdGeom, kinds = needed("pxr.UsdGeom"), needed("pxr.Sdf").ValueTypeNames
     points, api = UsdGeom.PointBased(prim), UsdGeom.PrimvarsAPI(prim)
     fields = {
-        name: api.CreatePrimvar(name, getattr(kinds, f"{kind}Array"), UsdGeom.Tokens.vertex)
+        name: api.CreatePrimvar(name, getattr(Kinds, f"{kind}Array"), UsdGeom.Tokens.vertex)
         for name, kind in {"displacement_m": "Vector3f", **PRIMVARS}.items()
     }
     at, extent = points.CreatePointsAttr(), points.CreateExtentAttr()
@@ -173,7 +172,6 @@ def _add_samples(prim: Any, nodes: AnyArray, found: dict[str, AnyArray]) -> None
 
 def _define_indenter(stage: Any, found: dict[str, AnyArray]) -> None:
     """Define the rigid indenter, which moves as a whole."""
-    UsdGeom, Gf = needed("pxr.UsdGeom"), needed("pxr.Gf")
     vertices, faces = found["indenter_vertex_m"], found["indenter_faces"]
     mesh = UsdGeom.Mesh(_define_mesh(stage, "Indenter", vertices, faces, (0.6, 0.6, 0.6)))
     moves = mesh.AddTransformOp()
@@ -189,7 +187,6 @@ def _define_mesh(
     stage: Any, name: str, points: AnyArray, faces: AnyArray, colour: tuple[float, float, float]
 ) -> Any:
     """Define a mesh of flat faces with corners [m] below the default prim, and return its prim."""
-    UsdGeom = needed("pxr.UsdGeom")
     mesh = UsdGeom.Mesh.Define(stage, f"{stage.GetDefaultPrim().GetPath()}/{name}")
     mesh.CreatePointsAttr(_array("Vec3f", points))
     mesh.CreateFaceVertexIndicesAttr(_array("Int", faces.reshape(-1)))
@@ -206,7 +203,6 @@ def _define_camera(stage: Any, sensor: Sensor) -> None:
     Its scale holds at the middle of the unloaded surface.
     """
     view = sensor.camera
-    UsdGeom, Gf = needed("pxr.UsdGeom"), needed("pxr.Gf")
     camera = UsdGeom.Camera.Define(stage, f"{stage.GetDefaultPrim().GetPath()}/Camera")
     size = np.array([view.width * view.scale_x_m, view.height * view.scale_y_m])
     is_parallel = np.isinf(view.distance_m)
@@ -229,4 +225,4 @@ def _define_camera(stage: Any, sensor: Sensor) -> None:
 def _array(kind: str, values: AnyArray) -> Any:
     """Return numbers as one of USD's arrays."""
     number = np.int32 if kind.endswith(("i", "Int")) else np.float32
-    return getattr(needed("pxr.Vt"), f"{kind}Array").FromNumpy(np.ascontiguousarray(values, number))
+    return getattr(Vt, f"{kind}Array").FromNumpy(np.ascontiguousarray(values, number))

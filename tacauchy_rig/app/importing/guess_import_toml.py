@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.importing.images import ASPECT
+from tacauchy_rig.app.importing.image_conversion import ASPECT
 from tacauchy_rig.app.importing.source_files import MIB, Source
 from tacauchy_rig.app.importing.text_tables import (
     ISO,

@@ -14,11 +14,12 @@ from pydantic import Field, field_validator
 from sim.scene.indenter import Indenter
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.importing.images import Converter, Images
+from tacauchy_rig.app.importing.image_conversion import Converter, Images
 from tacauchy_rig.app.importing.plausibility import check_presses
 from tacauchy_rig.app.importing.press_detection import Press, Recorded
 from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import (
     LoadedConfig,
     leaves,
@@ -29,7 +30,6 @@ from tacauchy_rig.core.config.load import (
     restore_config,
 )
 from tacauchy_rig.core.config.settings import IMPORTED, RigConfig
-from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.run import (

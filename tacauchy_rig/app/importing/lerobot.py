@@ -31,7 +31,7 @@ from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MI
 from tacauchy_rig.app.importing.text_tables import unit_factor
 from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-from tacauchy_rig.core.config.unit_fields import Section
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, naming
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.versions import library

@@ -103,10 +103,10 @@ def _check_depths(
             f"{where[k]}: depth {1e3 * depths[k]:.4g} mm; the gel is {1e3 * height_m:.3g} mm high"
             for k in beyond.tolist()
         ]
-        unit = _length_meant(deepest, 0.02 * height_m, 0.9 * height_m)
+        unit = length_unit_meant(deepest, 0.02 * height_m, 0.9 * height_m)
         problems.add(shown(told), remedy=f"correct {key}{unit}")
     elif deepest < SHALLOW_M:
-        unit = _length_meant(deepest, 0.01 * height_m, 0.9 * height_m)
+        unit = length_unit_meant(deepest, 0.01 * height_m, 0.9 * height_m)
         problems.add(
             f"the deepest press is {1e6 * deepest:.3g} um deep: no image shows that",
             remedy=f"correct {key}{unit}",
@@ -114,7 +114,7 @@ def _check_depths(
     return bool(len(beyond)) or deepest < SHALLOW_M
 
 
-def _length_meant(value: float, low: float, high: float) -> str:
+def length_unit_meant(value: float, low: float, high: float) -> str:
     """Return what is told of the unit that brings a length [m] into a range."""
     units = {name: UNITS[Dimension.LENGTH][name] for name in ("m", "mm", "um")}
     return _looks_like(

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
-from tacauchy_rig.core.config.unit_fields import Force, Section
+from tacauchy_rig.core.config.field_ranges import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ, CameraClock
 

@@ -38,7 +38,7 @@ from tacauchy_rig.app.importing.press_detection import (
 )
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.core.arrays import Int64Array
-from tacauchy_rig.core.config.unit_fields import Length, Section
+from tacauchy_rig.core.config.field_ranges import Length, Section
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.image_codec import decode_rgb, encode_png
 from tacauchy_rig.core.run import CameraClock

@@ -33,7 +33,7 @@ from tacauchy_rig.app.importing.source_files import (
 )
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, IndexArray, Int64Array
-from tacauchy_rig.core.config.unit_fields import Force, Section
+from tacauchy_rig.core.config.field_ranges import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, encode_png
 from tacauchy_rig.core.quantities import Dimension

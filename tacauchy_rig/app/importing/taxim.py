@@ -21,7 +21,7 @@ from tacauchy_rig.app.importing.source_files import (
     read_npz,
 )
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
-from tacauchy_rig.core.config.unit_fields import Section
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import encode_png
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tacauchy_rig.app.importing.source_files import TABLE_BYTES, Problems, Source, shown
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
-from tacauchy_rig.core.config.unit_fields import Section
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
 

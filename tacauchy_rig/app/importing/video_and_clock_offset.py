@@ -32,7 +32,7 @@ from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, M
 from tacauchy_rig.app.importing.table_rows import POSE, WRENCH, SampleColumns, read_columns
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
-from tacauchy_rig.core.config.unit_fields import Frequency
+from tacauchy_rig.core.config.field_ranges import Frequency
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import FZ, CameraClock

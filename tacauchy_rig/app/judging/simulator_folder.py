@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.images import exchanged_channels, opened
-from tacauchy_rig.app.importing.plausibility import UNLIKE, force_unit_meant
+from tacauchy_rig.app.importing.image_conversion import exchanged_channels, opened
+from tacauchy_rig.app.importing.plausibility import UNLIKE, force_unit_meant, length_unit_meant
 from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
     IMAGE_BYTES,
@@ -349,20 +349,14 @@ def _check_size(
     middle = float(np.median(np.abs(ratios))) if len(ratios) else math.nan
     if low < middle < high or math.isnan(middle):
         return
-    meant = force_unit_meant(middle) if what == "force" else _length_meant(middle)
+    near = 10.0**1.5  # half way to the next unit
+    lengths = length_unit_meant(middle, 1.0 / near, near)
+    meant = force_unit_meant(middle) if what == "force" else lengths
     problems.add(
         f"{told.format(f'{middle:.3g}')} (median of {len(ratios)} presses)",
         remedy=f"correct units.{what} of {DESCRIPTION}"
         + (": Pa, kPa or MPa" if what == "pressure" else meant),
     )
-
-
-def _length_meant(times: float) -> str:
-    """Return what is told of the unit with which lengths would fit."""
-    steps = round(math.log10(times) / 3.0) if times > 0.0 else 0
-    names = {3: "um where m", 2: "um where m", 1: "um where mm, or mm where m"}
-    names |= {-1: "m where mm, or mm where um", -2: "m where um"}
-    return f": the numbers look like {names[steps]} is stated" if steps in names else ""
 
 
 def _check_heights(outputs: list[PressOutput], depths: FloatArray, problems: Problems) -> None:

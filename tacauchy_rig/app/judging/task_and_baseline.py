@@ -6,7 +6,7 @@ next to the indenter, and nothing gives below it.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
@@ -31,8 +31,8 @@ from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of, sensor_of
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import parse_toml, read_section
-from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, encode_png
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -48,6 +48,7 @@ from tacauchy_rig.core.simulated import (
 )
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.run_store import pack_array, pack_arrays
+from tacauchy_rig.core.time_limit_and_progress import say
 from tacauchy_rig.core.versions import machine
 
 DESCRIPTION = "simulator.toml"
@@ -291,14 +292,11 @@ def _who(replay: Replay) -> Simulator:
     )
 
 
-def rigid_outputs(
-    run: RunReading, *, calibrate: Calibrate | None, on_progress: Callable[[str], None]
-) -> Outputs:
+def rigid_outputs(run: RunReading, *, calibrate: Calibrate | None) -> Outputs:
     """Return what a simulator without mechanics shows of a run's presses.
 
     Args:
         calibrate: As for ``optics_of``.
-        on_progress: Told what goes on, and which presses are left out.
 
     Raises:
         RecordError: No press has a measured depth and a no-contact frame.
@@ -306,18 +304,13 @@ def rigid_outputs(
     replay = run.store.load_replay(REPLAY_NAME) if REPLAY_NAME in run.store.replays() else None
     inputs_by_trial = {n: part.inputs for part in parts_of(run) for n in part.trials}
     sensor = next(iter(inputs_by_trial.values())).sensor
-    optics = optics_of(
-        run.store.config.sensor.optics_calibration,
-        sensor,
-        calibrate=calibrate,
-        on_progress=on_progress,
-    )
+    optics = optics_of(run.store.config.sensor.optics_calibration, sensor, calibrate=calibrate)
     presses, spent_s = {}, 0.0
     for trial, record in run.records.items():
         attempt = run.attempt(trial)
         unloaded = None if attempt is None else attempt.reference
         if record is None or record.depth_measured_m is None or unloaded is None:
-            on_progress(f"press {trial}: no depth or no no-contact frame: left out")
+            say(f"press {trial}: no depth or no no-contact frame: left out")
             continue
         started, place_m = time.perf_counter(), inputs_by_trial[trial].offset_m
         if replay is not None:  # it may have found where the tip came down

@@ -22,6 +22,7 @@ from sim.sensor.lamps_and_optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.time_limit_and_progress import say
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
@@ -30,13 +31,6 @@ CAMERA_DISTANCE = "camera_distance_m"
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
 VIEWED = ("scale_x_m", "scale_y_m", "centre_x_px", "centre_y_px", "rotation_rad", "mirrored")
 _SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
-
-Say = Callable[[str], None]
-"""Told of progress, a line of text each time."""
-
-
-def say_nothing(_: str) -> None:
-    """Take a line of progress and drop it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,13 +43,11 @@ class OpticalCalibration:
     blur_px: float = 0.0
 
 
-Calibrate = Callable[[Sensor, Say], OpticalCalibration]
-"""Calibrates the optics of a sensor, telling of progress."""
+Calibrate = Callable[[Sensor], OpticalCalibration]
+"""Calibrates the optics of a sensor."""
 
 
-def calibrate_folder(
-    folder: Path, sensor: Sensor, *, ball_diameter_m: float, on_progress: Say = say_nothing
-) -> OpticalCalibration:
+def calibrate_folder(folder: Path, sensor: Sensor, *, ball_diameter_m: float) -> OpticalCalibration:
     """Fit scale and optics to a folder of ball presses.
 
     Clicked circles are off by a pixel or two; the optical fit nudges them, so the scale is fitted
@@ -86,7 +78,7 @@ def calibrate_folder(
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
         residual_px = fit.residual_px
-        on_progress(f"  {told}")
+        say(f"  {told}")
     found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
     geometry = replace(scene.geometry, distance_m=found.motion.distance_m)
@@ -140,7 +132,7 @@ def fitted_view(
 
 
 def optics_of(
-    given: str, sensor: Sensor, *, calibrate: Calibrate | None = None, on_progress: Say
+    given: str, sensor: Sensor, *, calibrate: Calibrate | None = None
 ) -> OpticalCalibration:
     """Return how a sensor's images are rendered.
 
@@ -156,8 +148,8 @@ def optics_of(
     if given:
         return calibrated_optics(given, sensor)
     if calibrate is not None and sensor.optics.renderer.exponents is not None:
-        return calibrate(sensor, on_progress)
-    on_progress("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+        return calibrate(sensor)
+    say("  optics not calibrated: rendering with the nominal optics of the sensor's file")
     return nominal_optics(sensor)
 
 

@@ -10,7 +10,7 @@ from matplotlib.tri import Triangulation
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
+from sim.fields.saved_press import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.simulated_markers import draw_markers, marker_places, surface_displacement

@@ -21,7 +21,7 @@ from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.modulus_and_tilt_fit import ModulusFit, fit_modulus
 from sim.cheapest_setting import setting_of
 from sim.effects.effect_choice import plan_effects
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.replay import (
     History,
     ReferencePath,
@@ -33,40 +33,40 @@ from sim.replay import (
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Target
 from tacauchy_rig import __version__
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, say_nothing
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields
-from tacauchy_rig.core.time_limits import Remaining, doing, time_limit
+from tacauchy_rig.core.time_limit_and_progress import Remaining, doing, heard, say, time_limit
 
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""
 
 
-def press_together(part: Part, *, on_progress: Say = say_nothing) -> Pressed:
+def press_together(part: Part) -> Pressed:
     """Press to every measured force; if the run asks so, the depths of all trials fit the modulus.
 
     For a tilted indenter the modulus is fitted with an upright one, corrected by coarse presses of
     both: a tilt breaks the symmetry, and a press with it takes ten times as long. A press without
     a measured force is pressed to its depth.
     """
-    on_progress(f"replaying {len(part.records)} trials")
+    say(f"replaying {len(part.records)} trials")
     if not fits_modulus(part.config):
-        return press_to_measured(part, None, on_progress=on_progress)
+        return press_to_measured(part, None)
     path = _stated_path(part)
     stated = () if path is None else path.history
-    fit = modulus_of([(part, stated)], on_progress=on_progress)
+    fit = modulus_of([(part, stated)])
     if any(part.inputs.tilt_rad):
-        return press_to_measured(part, fit, on_progress=on_progress)
-    return press_to_measured(part, fit, stated, path, on_progress=on_progress)
+        return press_to_measured(part, fit)
+    return press_to_measured(part, fit, stated, path)
 
 
 def stated_history(part: Part) -> History:
@@ -78,9 +78,7 @@ def stated_history(part: Part) -> History:
     return () if path is None else path.history
 
 
-def modulus_of(
-    simulated: Sequence[tuple[Part, History]], *, on_progress: Say = say_nothing
-) -> ModulusFit | None:
+def modulus_of(simulated: Sequence[tuple[Part, History]]) -> ModulusFit | None:
     """Fit the factor of the gel's modulus to depths and forces of all trials."""
     curves = []
     for part, history in simulated:
@@ -89,9 +87,9 @@ def modulus_of(
         curves.append((part.records, tilted_curve(curve, part.inputs) if is_tilted else curve))
     fit = fit_modulus(curves, contact_force_n=simulated[0][0].config.protocol.contact_force)
     if fit is None:
-        on_progress("  fewer than two trials have both force and depth: the stated modulus is used")
+        say("  fewer than two trials have both force and depth: the stated modulus is used")
     else:
-        on_progress(
+        say(
             f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
             f"modulus (+-{fit.factor_deviation:.3f} between them)"
         )
@@ -99,12 +97,7 @@ def modulus_of(
 
 
 def press_to_measured(
-    part: Part,
-    fit: ModulusFit | None,
-    stated: History = (),
-    path: ReferencePath | None = None,
-    *,
-    on_progress: Say = say_nothing,
+    part: Part, fit: ModulusFit | None, stated: History = (), path: ReferencePath | None = None
 ) -> Pressed:
     """Press to every force, and to the depths of trials without one.
 
@@ -116,7 +109,7 @@ def press_to_measured(
     stiffer = part if fit is None else replace(part, inputs=part.inputs.stiffer(fit.factor))
     alone = _alone(stiffer)
     if alone is None:
-        replay, fields, records = _on_one_path(stiffer, fit, path, on_progress)
+        replay, fields, records = _on_one_path(stiffer, fit, path)
     else:
         replay, fields, records = alone[0], [alone[1]], list(part.records)
     trials = tuple(
@@ -154,7 +147,7 @@ def _alone(part: Part) -> tuple[Replay, TrialFields] | None:
 
 
 def _on_one_path(
-    part: Part, fit: ModulusFit | None, path: ReferencePath | None, on_progress: Say
+    part: Part, fit: ModulusFit | None, path: ReferencePath | None
 ) -> tuple[Replay, list[TrialFields], list[TrialRecord]]:
     """Press the trials in the order of their forces, and those without one of their depths."""
     inputs = part.settled.inputs
@@ -167,17 +160,17 @@ def _on_one_path(
         values = [(r.depth_measured_m if by_depth else r.force_measured_n) or 0.0 for r in records]
         scene = inputs.scene([] if by_depth else values)
         if by_depth:
-            on_progress(f"  no force of {len(records)} trials was measured: pressing to the depths")
+            say(f"  no force of {len(records)} trials was measured: pressing to the depths")
             inputs = replace(inputs, tolerance=None)
             scene = replace(inputs.scene([]), target=Target(depth_m=max(values)))
-        on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.label}")
+        say(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.label}")
         found.append(
             replay_forces(
                 scene,
                 values,
                 tolerance=inputs.tolerance or inputs.stated_accuracy,
                 name=REPLAY_NAME,
-                on_progress=lambda _, text: on_progress(f"  {text}"),
+                on_progress=lambda _, text: say(f"  {text}"),
                 reference=None if by_depth else path,
                 stiffer=1.0 if fit is None else fit.factor,
                 depths_from_n=part.config.protocol.contact_force if by_depth else None,
@@ -242,7 +235,6 @@ def replay_parts(
     *,
     name: str = REPLAY_NAME,
     afterwards_s: float = 0.0,
-    on_progress: Say,
 ) -> list[Replay]:
     """Press and render what is not there yet of parts, and keep each when it is finished.
 
@@ -262,13 +254,13 @@ def replay_parts(
     for k, (part, own) in enumerate(zip(parts, files, strict=True)):
         left.add(0.0 if own.path.exists() else _cost_s(part) + _IMAGE_S)
         left.add(_cost_s(part) if k in fitted and part.forces_n and not own.stated() else 0.0)
-    on_progress(f"replaying {len(parts)} places or indenters; {left}")
+    say(f"replaying {len(parts)} places or indenters; {left}")
     fit = None
     if fits:
         some, theirs = [parts[k] for k in fitted], [files[k] for k in fitted]
-        _press_stated(some, theirs, jobs, left, on_progress)
+        _press_stated(some, theirs, jobs, left)
         stated = [own.stated() for own in theirs]
-        fit = modulus_of(list(zip(some, stated, strict=True)), on_progress=on_progress)
+        fit = modulus_of(list(zip(some, stated, strict=True)))
     done: dict[int, Replay] = {}
     missing = []
     for k, (part, own) in enumerate(zip(parts, files, strict=True)):
@@ -279,7 +271,7 @@ def replay_parts(
         left.add(_cost_s(part) + _IMAGE_S if own.path.exists() else 0.0)
         missing.append(k)
     if done:
-        on_progress(f"  {len(done)} of {len(parts)} places are finished from before")
+        say(f"  {len(done)} of {len(parts)} places are finished from before")
     if missing:  # the summary of an older replay goes: its files are about to change
         run.store.paths.replay_json(name).unlink(missing_ok=True)
     items = [(k, parts[k], fit, files[k].stated() if fits else ()) for k in missing]
@@ -289,7 +281,7 @@ def replay_parts(
             done[k] = files[k].keep(fit, pressed, optics)
             left.spend(_cost_s(part) + _IMAGE_S)
             trial = done[k].trials[-1]
-            on_progress(
+            say(
                 f"  {number} of {len(missing)}{part.label}: {trial.force_simulated_n:.3f} N at "
                 f"{trial.depth_simulated_m * 1e3:.3f} mm; {left}"
             )
@@ -308,7 +300,7 @@ def _fitted(parts: Sequence[Part]) -> list[int]:
 
 
 def _press_stated(
-    parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining, say: Say
+    parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining
 ) -> None:
     """Press the gel with the stated modulus at each place where that is not on disk."""
     pairs = zip(parts, files, strict=True)
@@ -325,7 +317,8 @@ def _press_stated(
 
 def _press(item: tuple[int, Part, ModulusFit | None, History]) -> Pressed:
     _, part, fit, stated = item
-    return press_to_measured(part, fit, stated)
+    with heard(lambda _: None):  # many of them, some in other processes
+        return press_to_measured(part, fit, stated)
 
 
 def _settled(parts: Sequence[Part]) -> list[Part]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.frames_and_curves import AttemptReading
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_tracking import PrintedMarkers, find_markers, follow_markers
 from sim.optics.markers.simulated_markers import MarkerPrinter, seen_motion

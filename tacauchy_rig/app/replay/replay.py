@@ -1,6 +1,6 @@
 """From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
@@ -8,13 +8,7 @@ from pathlib import Path
 
 from reports.evidence.frames_and_curves import RunReading
 from sim.tolerance import Tolerance
-from tacauchy_rig.app.replay.chosen_optics import (
-    Calibrate,
-    OpticalCalibration,
-    Say,
-    optics_of,
-    say_nothing,
-)
+from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.press_grouping import (
     Part,
@@ -26,7 +20,7 @@ from tacauchy_rig.app.replay.press_grouping import (
 )
 from tacauchy_rig.app.replay.pressed_parts import PROBES_NAME, press_together, replay_parts
 from tacauchy_rig.app.replay.rendering import rendered
-from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import check_optics
 from tacauchy_rig.app.replay.tilt_and_place import find_offset, mounted, offset_of
 from tacauchy_rig.core.arrays import ImageArray
@@ -34,6 +28,7 @@ from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
@@ -47,7 +42,7 @@ def replay_run(
     tolerance: Tolerance | None = None,
     optics_file: Path | None = None,
     calibrate: Calibrate | None = None,
-    on_progress: Say = say_nothing,
+    on_progress: Callable[[str], None] = lambda _: None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -63,46 +58,55 @@ def replay_run(
             indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
+    with heard(on_progress):
+        return _replayed_run(run, tolerance, optics_file, calibrate)
+
+
+def _replayed_run(
+    run: RunReading,
+    tolerance: Tolerance | None,
+    optics_file: Path | None,
+    calibrate: Calibrate | None,
+) -> Replay:
     config, parts = run.store.config, parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     given = config.sensor.optics_calibration if optics_file is None else str(optics_file)
     check_optics(config, sensor, given)
     measured_records(run)  # refuses a run without any, before anything is simulated
     parts = [part for part in parts if part.records]
-    are_many, say_once = len(parts) > 1, cache(on_progress)
+    are_many = len(parts) > 1
 
     @cache
     def optics() -> OpticalCalibration:
-        return optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
+        return optics_of(given, sensor, calibrate=calibrate)
 
     def replayed(
         parts: Sequence[Part], name: str = REPLAY_NAME, afterwards_s: float = 0.0
     ) -> _Replayed:
         if are_many:
-            return replay_parts(
-                run, parts, optics(), name=name, afterwards_s=afterwards_s, on_progress=on_progress
-            ), {}
-        pressed = press_together(parts[0], on_progress=on_progress)
+            return replay_parts(run, parts, optics(), name=name, afterwards_s=afterwards_s), {}
+        pressed = press_together(parts[0])
         replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())
         return [replay], files
 
-    tilts = [
-        mounted([run.read(r) for r in part.records], part.inputs, config, on_progress=say_once)
-        for part in parts
-    ]
+    tilts = [mounted([run.read(r) for r in part.records], part.inputs, config) for part in parts]
+    rows = [row for tilt in tilts for row in tilt.effects]
+    lines = (f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}" for row in rows)
+    for line in dict.fromkeys(lines):
+        say(line)
     parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
     places: list[tuple[FoundValue, ...]] = [()] * len(parts)
     done: _Replayed | None = None
     if config.replay.pose is PoseSource.FOUND:
         some = parts
         if are_many:
-            on_progress("finding the place of each indenter from some of its presses")
+            say("finding the place of each indenter from some of its presses")
             some = [parts[k] for k in some_of_each(parts)]
         done = replayed(some, PROBES_NAME)
         places = _found_places(run, parts, _images(run, *done, PROBES_NAME), optics())
         moves = [offset_of(place) for place in places]
         if not are_many and moves[0] is not None:
-            on_progress("  images show the contact at another place: pressing again there")
+            say("  images show the contact at another place: pressing again there")
         if are_many or moves[0] is not None:
             done = None
         parts = [
@@ -113,7 +117,7 @@ def replay_run(
     replays, files = done or replayed(parts, afterwards_s=afterwards_s)
     found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
-    inputs, residual = _uncertainties(run, parts, found, replays, images, optics(), on_progress)
+    inputs, residual = _uncertainties(run, parts, found, replays, images, optics())
     models = [
         replace(
             each.model,
@@ -180,7 +184,6 @@ def _uncertainties(
     replays: Sequence[Replay],
     images: dict[int, ImageArray],
     optics: OpticalCalibration,
-    on_progress: Say,
 ) -> tuple[list[tuple[ForceInput, ...]], ResidualSplit | None]:
     """Return what uncertain inputs change of each part's forces, and what splits the residual.
 
@@ -188,7 +191,7 @@ def _uncertainties(
     each indenter, where it was pressed deepest: the place hardly matters.
     """
     config = run.store.config
-    on_progress("computing the effect of uncertain inputs on the force")
+    say("computing the effect of uncertain inputs on the force")
     with worker_process() as worker:
         jobs: dict[int, Future[tuple[ForceInput, ...]]] = {}
         for numbers in tools_of(parts):
@@ -198,14 +201,13 @@ def _uncertainties(
                 force_inputs, parts[deepest].inputs, config, depths_m, found[deepest]
             )
             jobs |= dict.fromkeys(numbers, job)
-        on_progress("estimating the causes of the image residual")
-        split = [
-            SplitPart(
-                attempts=[run.read(record) for record in part.records],
-                inputs=part.inputs.stiffer(replay.model.modulus_factor or 1.0),
-                forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
-            )
+        say("estimating the causes of the image residual")
+        inputs = [
+            part.inputs.stiffer(replay.model.modulus_factor or 1.0)
             for part, replay in zip(parts, replays, strict=True)
         ]
-        residual = split_images(split, images, optics, config, on_progress=on_progress)
+        attempts = [[run.read(record) for record in part.records] for part in parts]
+        forces_n = {t.index: t.force_simulated_n for replay in replays for t in replay.trials}
+        split = list(zip(inputs, attempts, strict=True))
+        residual = split_images(split, images, forces_n, optics, config)
         return [jobs[k].result() for k in range(len(parts))], residual

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +12,12 @@ from reports.figures.trial_axis import spread
 from reports.scores.residual_causes import Cause, Mode, split_residual
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.markers.marker_tracking import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
 from sim.tilt_sensitivity import COARSE, can_tilt
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.input_uncertainty import NEARLY_UPRIGHT, rounded_rim
 from tacauchy_rig.app.replay.rendering import image_of
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
@@ -26,6 +26,7 @@ from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
+from tacauchy_rig.core.time_limit_and_progress import say
 
 MOST_TRIALS, _MOST_PARTS = 12, 6
 """Trials that are pressed again, spread evenly over the forces: each takes two seconds."""
@@ -42,36 +43,27 @@ _COLOURS = ("red", "green", "blue")
 Images = dict[int, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SplitPart:
-    """Trials of one indenter at one place."""
-
-    attempts: Sequence[AttemptReading]
-    inputs: ReplayInputs  # of the replay, with the modulus that it was pressed with
-    # Simulated forces, used for trials without a measured one [N]
-    forces_n: Mapping[int, float] = field(default_factory=dict)
-
-
 def split_images(
-    parts: Sequence[SplitPart],
+    parts: Sequence[tuple[ReplayInputs, Sequence[AttemptReading]]],
     images: Mapping[int, ImageArray],
+    forces_n: Mapping[int, float],
     optics: OpticalCalibration,
     config: RigConfig,
-    *,
-    on_progress: Say,
 ) -> ResidualSplit | None:
     """Split the residual of a replay's images by its causes; None where that is not possible.
 
     Args:
-        parts: Each has its own coarse presses; the unknowns are common to all.
+        parts: Trials of one indenter at one place, with the modulus that they were pressed with.
+            Each has its own coarse presses; the unknowns are common to all.
+        forces_n: Simulated, for trials without a measured one [N].
     """
-    pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
+    pressable = [part for part in parts if not isinstance(part[0].indenter, MeshIndenter)]
     if len(pressable) < len(parts):
-        on_progress("  the residual is not split for mesh indenters: their presses take minutes")
-    found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
-    chosen = spread(found, _MOST_PARTS)
+        say("  the residual is not split for mesh indenters: their presses take minutes")
+    found = [(inputs, _presses(attempts, images, forces_n)) for inputs, attempts in pressable]
+    chosen = spread([part for part in found if part[1]], _MOST_PARTS)
     again = [
-        _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress)
+        _Again(spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config)
         for inputs, presses in chosen
     ]
     seen = {press.index: press.images for part in again for press in part.presses}
@@ -84,7 +76,7 @@ def split_images(
             pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
         )
     except RigError as error:
-        on_progress(f"  the residual is not split because a coarse press failed: {error.message}")
+        say(f"  the residual is not split because a coarse press failed: {error.message}")
         return None
 
 
@@ -98,12 +90,16 @@ class _Press:
     bare: ImageArray
 
 
-def _presses(part: SplitPart, images: Mapping[int, ImageArray]) -> list[_Press]:
-    """Return the presses of a part that can be pressed again, the smallest force first."""
+def _presses(
+    attempts: Sequence[AttemptReading],
+    images: Mapping[int, ImageArray],
+    forces_n: Mapping[int, float],
+) -> list[_Press]:
+    """Return those that can be pressed again, the smallest force first."""
     found = []
-    for attempt in part.attempts:
+    for attempt in attempts:
         record = attempt.record
-        force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
+        force_n = record.force_measured_n or forces_n.get(record.index, 0.0)
         if force_n <= 0.0 or record.index not in images or attempt.images is None:
             continue
         reference = attempt.images.reference
@@ -121,11 +117,10 @@ class _Again:
     inputs: ReplayInputs
     optics: OpticalCalibration
     config: RigConfig
-    on_progress: Say
 
     def modes(self) -> Iterator[Mode]:
         """Yield every mode."""
-        self.on_progress(f"  {len(self.presses)} images: coarse presses with other forces")
+        say(f"  {len(self.presses)} images: coarse presses with other forces")
         forces_n = [press.force_n for press in self.presses]
         tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})
         upright = self._pressed(self.inputs.tilted(NEARLY_UPRIGHT, 0.0), tried)
@@ -134,12 +129,12 @@ class _Again:
         base = self._seen(even)
         by_force = _apart(self._seen(more), self._seen(less), 1.0 / (_MORE - 1.0 / _MORE))
         yield from self._of_force(by_force)
-        self.on_progress("  coarse presses with another Poisson's ratio and other tilts")
+        say("  coarse presses with another Poisson's ratio and other tilts")
         yield from self._of_material(by_force, base)
         if can_tilt(self.inputs.indenter):
             yield from self._of_tilt()
         change = {press.index: base[press.index] - press.bare for press in self.presses}
-        self.on_progress("  images with other lamps, blur and scale")
+        say("  images with other lamps, blur and scale")
         yield from self._of_light(change)
         yield from self._of_optics(change, even, base)
 

@@ -16,12 +16,11 @@ from reports.scores.pose_and_light_residual import register_changes
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
-from tacauchy_rig.app.replay.chosen_optics import Say, say_nothing
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import FoundValue
 
@@ -50,21 +49,14 @@ class FoundMounting:
 
 
 def mounted(
-    attempts: Sequence[AttemptReading],
-    inputs: ReplayInputs,
-    config: RigConfig,
-    *,
-    on_progress: Say = say_nothing,
+    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
 ) -> FoundMounting:
     """Return inputs with the measured duration and the tilt that moments of attempts show."""
     known = [each.press_duration_s for each in attempts if each.press_duration_s is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
     dwells = [(each.record, each.dwell_wrench) for each in attempts]
-    found = with_found_tilt(dwells, inputs, config)
-    for row in found.effects:
-        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
-    return found
+    return with_found_tilt(dwells, inputs, config)
 
 
 def with_found_tilt(

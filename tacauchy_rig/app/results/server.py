@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from protocols.processes.page.access_token import AccessRule
 from reports.page.report_html import report_script
-from tacauchy_rig.app.results.run_list_and_trend import (
+from tacauchy_rig.app.results.run_list_comparison_trend import (
     Health,
     ListedRun,
     Row,

@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from tacauchy_rig.app.sweep.engines import Engine
-from tacauchy_rig.app.sweep.index_and_splits import write_index
 from tacauchy_rig.app.sweep.metadata import write_datasheet
 from tacauchy_rig.app.sweep.plan import Plan, Row, sensor_of
-from tacauchy_rig.app.sweep.resume import done_rows
+from tacauchy_rig.app.sweep.resume_index_and_splits import done_rows, write_index
 from tacauchy_rig.app.sweep.shards import SHARDS, hashed, make_shard, parquet, shards_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg
 from tacauchy_rig.core.markdown_page import environment_of
 from tacauchy_rig.core.store.atomic_write import free_bytes, write_atomically
-from tacauchy_rig.core.time_limits import doing
+from tacauchy_rig.core.time_limit_and_progress import doing
 from tacauchy_rig.core.versions import library
 
 SHOWN = 50

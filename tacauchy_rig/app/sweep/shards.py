@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from sim.batch.batch import Batch
 from sim.batch.sensor_model import sensor_model
 from sim.contact.first_touch import first_touch
-from sim.fields.npz_and_vtu import top_surface
+from sim.fields.saved_press import top_surface
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import IndenterSet, describe, tilted
 from sim.scene.material import Material

@@ -32,13 +32,14 @@ from reports.scores.contact_scores import (
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.twin.press_follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg, reduction_to
 from tacauchy_rig.core.run import JournalEvent, Phase
+from tacauchy_rig.core.time_limit_and_progress import say
 
 _QUALITY = 85
 
@@ -143,9 +144,7 @@ def twin_of(
         ConvergenceError: The largest target cannot be pressed.
     """
     inputs = inputs_of(config)
-    found = optics or optics_of(
-        config.sensor.optics_calibration, inputs.sensor, on_progress=say_nothing
-    )
+    found = optics or optics_of(config.sensor.optics_calibration, inputs.sensor)
     options = ImageOptions(
         colours=found.model, geometry=found.geometry, blur_px=found.blur_px, device=device
     )
@@ -303,9 +302,7 @@ _MARGIN_NS = 400_000_000
 _TEMPLATE, _DATA = "watch.html", "{{ data }}"
 
 
-def watch_run(
-    run: RunReading, *, optics: OpticalCalibration | None = None, on_progress: Say = say_nothing
-) -> Path:
+def watch_run(run: RunReading, *, optics: OpticalCalibration | None = None) -> Path:
     """Have a twin follow what was recorded, at its own pace, and write the page of it.
 
     Args:
@@ -326,7 +323,7 @@ def watch_run(
         attempt = run.attempt(trial)
         frames = [] if attempt is None else list(_frames(attempt, twin))
         if frames:
-            on_progress(f"trial {trial}: {len(frames)} frames")
+            say(f"trial {trial}: {len(frames)} frames")
             trials.append((trial, frames))
     if not trials:
         raise RecordError(

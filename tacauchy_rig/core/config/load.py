@@ -14,9 +14,9 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, broken_rules, required_but_missing
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
-from tacauchy_rig.core.config.unit_fields import Section
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import UNITS, Dimension, example, split_quantity
 from tacauchy_rig.core.registry import Kind, load, unknown

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from tacauchy_rig.core.config.unit_fields import (
+from tacauchy_rig.core.config.field_ranges import (
     Acceleration,
     Angle,
     Force,

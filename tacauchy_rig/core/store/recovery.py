@@ -19,7 +19,7 @@ from tacauchy_rig.core.store.atomic_write import (
     sync_folder,
     writing,
 )
-from tacauchy_rig.core.store.check.run_check import RunCheck, check_run
+from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
 from tacauchy_rig.core.store.json_codec import read_json
 from tacauchy_rig.core.store.recording.mcap_messages import RawMessage

@@ -12,7 +12,7 @@ from typing import Any
 
 import cv2
 
-from drivers.camera.uvc import UvcCamera
+from drivers.camera.uvc_camera import UvcCamera
 from drivers.device_checks import device_checks
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError

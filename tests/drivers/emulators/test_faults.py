@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.camera.frame_generator import garbled
+from drivers.emulators.camera.frames_and_noise import garbled
 from drivers.emulators.faults import (
     FAULTS_OF_DEVICE,
     STOPS,

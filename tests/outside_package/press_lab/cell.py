@@ -6,7 +6,7 @@ import time
 import serial
 
 from drivers.interfaces import Arm, DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer
+from drivers.stream_buffer_and_repeats import StreamBuffer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.emulators.arm.safety_motion_and_force_estimate import COARSENESS, ForceEstimate
+from drivers.emulators.arm.coarse_force_estimate import COARSENESS, ForceEstimate
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_witness_and_band import (
     CREEP_SHARE,

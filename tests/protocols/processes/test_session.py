@@ -13,10 +13,10 @@ import pytest
 
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import run_session
-from protocols.trials.programme import plan_session
+from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
@@ -73,7 +73,7 @@ def test_a_session_passes_and_leaves_a_complete_run(make_store):
     assert store.accepted(1) == result.records[0]
     recording = Recording.open(store.paths.recording(1, 1))
     assert recording.finished
-    counters = recording.force().counter.tolist()
+    counters = recording.force.counter.tolist()
     assert counters == list(range(counters[0], counters[-1] + 1))
     assert sum(result.acknowledged.values()) == recording.message_count
     assert {event.name for event in read_journal(store.paths.journal)} >= {

@@ -11,7 +11,7 @@ import pytest
 from protocols.processes import viewer_processes as viewing_module
 from protocols.processes.ipc import Job, PageOptions
 from protocols.processes.viewer_processes import Viewing
-from protocols.trials.programme import plan_session
+from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.errors import ConfigError
 
 

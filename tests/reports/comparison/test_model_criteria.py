@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from reports.comparison.criteria import (
+from reports.comparison.report_criteria import (
     MODULUS,
     MODULUS_TRIALS,
     PREDICTION,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.comparison.criteria import MAX_SETTLED_CHANGE
+from reports.comparison.report_criteria import MAX_SETTLED_CHANGE
 from reports.evidence.evidence_types import ImageGeometry
 from reports.evidence.frames_and_curves import (
     AttemptReading,

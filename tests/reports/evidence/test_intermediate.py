@@ -96,8 +96,9 @@ def test_without_arm_samples_the_frames_have_no_depth(
     rising: AttemptReading, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A recording whose arm samples are gone still shows its frames, by their forces."""
-    none = replace(rising.arm, stamp_ns=rising.arm.stamp_ns[:0], pose=rising.arm.pose[:0])
-    monkeypatch.setattr(AttemptReading, "arm", property(lambda _: none))
+    arm = rising.recording.arm
+    none = replace(arm, stamp_ns=arm.stamp_ns[:0], pose=arm.pose[:0])
+    monkeypatch.setattr(rising.recording, "arm", none)
     frames = [state.frame for state in intermediate_states(passed(), rising)[:-1]]
     assert [None if frame is None else frame.depth_m for frame in frames] == [None, None]
     assert None not in frames

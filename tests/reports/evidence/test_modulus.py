@@ -10,7 +10,7 @@ from reports.comparison.verdict_sentences import limits_of
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.modulus_and_tilt_fit import fit_modulus, fit_tilt
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.made_model import made_model
 

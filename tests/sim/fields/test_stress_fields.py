@@ -9,8 +9,8 @@ import pyvista
 import scipy.sparse.linalg
 
 from sim.effects.presets import build_model, mesh_for
-from sim.fields.npz_and_vtu import gel_vtu, indenter_vtu, surface_state, trial_fields
 from sim.fields.pressure_and_shear import SurfaceTraction, surface_traction
+from sim.fields.saved_press import gel_vtu, indenter_vtu, surface_state, trial_fields
 from sim.fields.stress import InterfaceTraction, StressOnSides, cauchy_stress, interface_traction
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law

@@ -13,9 +13,9 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.mesh_choice import MeshKind, footprint_mesh, mesh_choice
 from sim.effects.presets import build_model, mesh_for
 from sim.mesh.brick_refinement import bisected, with_rim_fitted, with_top_fitted
+from sim.mesh.cached_tet_mesh import TetMesh, smallest_dihedral_deg, tet_volumes
 from sim.mesh.elements import boundary_faces
 from sim.mesh.footprint_sizing import footprint
-from sim.mesh.mesh_and_cache import TetMesh, smallest_dihedral_deg, tet_volumes
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.press_arguments import scene_from

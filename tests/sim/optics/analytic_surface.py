@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from sim.fields.npz_and_vtu import SurfaceState
+from sim.fields.saved_press import SurfaceState
 from sim.optics.calibrate.gel_profile import RadialProfile
 from sim.scene.indenter import Indenter, Plane
 from sim.sensor.camera_geometry import CameraGeometry

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.contact.surface_and_grip import State
 from sim.device import Device
 from sim.effects.presets import build_model
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.simulated_markers import marker_places, surface_displacement
 from sim.optics.render.renderer import nominal_renderer

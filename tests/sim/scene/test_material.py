@@ -10,8 +10,8 @@ import scipy.sparse.linalg
 from sim.effects.presets import build_model
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
+from sim.mesh.cached_tet_mesh import TetMesh, tet_volumes
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import TetMesh, tet_volumes
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press

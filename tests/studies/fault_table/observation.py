@@ -158,9 +158,9 @@ def kept_messages(
     for trial, attempt in attempts:
         files = [paths.recording(trial, attempt), *paths.spills(trial, attempt)]
         recordings = _open_readable([path for path in files if path.exists()], unreadable)
-        force = {int(n) for recording in recordings for n in recording.force().counter}
+        force = {int(n) for recording in recordings for n in recording.force.counter}
         frames = {int(n) for recording in recordings for n in recording.frame_stamps()[1]}
-        states = {int(n) for recording in recordings for n in recording.arm().stamp_ns}
+        states = {int(n) for recording in recordings for n in recording.arm.stamp_ns}
         events = {(e.stamp_ns, e.name) for recording in recordings for e in recording.events()}
         control += len(force) + len(states) + len(events)
         camera += len(frames)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.emulators.faults import Fault
 from drivers.emulators.process import post_fault
-from tacauchy_rig.app.session.record_and_weigh import MISSED
+from tacauchy_rig.app.session.record_run_and_weight_check import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.store.run_store import RunStore

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 
-from tacauchy_rig.app.cli.confirmation import expected_answer
+from tacauchy_rig.app.cli.operator_prompts import expected_answer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase

@@ -16,7 +16,7 @@ from drivers.emulators.plant.press_table import PressCase, PressTable, press_tab
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene_parsing import parse_indenter
-from tacauchy_rig.app.calibration.material.fit import (
+from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
     MU,
     NORMAL,
     NU,
@@ -28,7 +28,7 @@ from tacauchy_rig.app.calibration.material.fit import (
     predict_left_out,
     respond,
 )
-from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
 from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray

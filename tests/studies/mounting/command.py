@@ -19,12 +19,12 @@ from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.chosen_optics import Say
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord
 from tacauchy_rig.core.tables import Table, table_of
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench
 
 _LARGEST_RAD = math.radians(2.0)
@@ -53,7 +53,7 @@ class DrawnTool:
         return max(abs(found - true) / doubt for true, found, doubt in rows)
 
 
-def find_drawn(seeds: Iterable[int], config: RigConfig, say: Say) -> list[DrawnTool]:
+def find_drawn(seeds: Iterable[int], config: RigConfig) -> list[DrawnTool]:
     """Press with a drawn tool in each world, and find its lean from the cell's moments."""
     inputs, found = inputs_of(config), []
     for seed in seeds:
@@ -185,7 +185,7 @@ class Residuals:
         return found is not None and smooth is not None and found < smooth
 
 
-def residuals_of(bench: Bench, say: Say) -> list[Residuals]:
+def residuals_of(bench: Bench) -> list[Residuals]:
     """Replay a run as found, upright, and upright without friction, each with its own modulus."""
     inputs = bench.inputs
     pressed = {FOUND: bench.pressed}
@@ -247,10 +247,11 @@ def mounting_check(
 
     run = open_run(folder)
     config = run.store.config
-    tools = find_drawn(range(seed, seed + drawn), config, say)
+    tools = find_drawn(range(seed, seed + drawn), config)
     calibrate = emulated_calibration(run.store)
-    bench = bench_of(run, preset=preset, calibrate=calibrate, on_progress=say)
-    residuals, leans = residual_table(residuals_of(bench, say)), tilt_table(tools)
+    with heard(say):
+        bench = bench_of(run, preset=preset, calibrate=calibrate)
+    residuals, leans = residual_table(residuals_of(bench)), tilt_table(tools)
     for table in (residuals, leans):
         show_table(table)
     lean = ", ".join(f"{math.degrees(angle):.2f} deg" for angle in bench.inputs.tilt_rad)

@@ -260,7 +260,7 @@ def _reaction_ms(bench: Bench, session: Session) -> float:
     record = session.store.latest(1)
     if record is None or record.tare_before is None:
         raise DeviceError("the session left no tare to judge its forces by")
-    force = Recording.open(session.store.paths.recording(1, record.attempt)).force()
+    force = Recording.open(session.store.paths.recording(1, record.attempt)).force
     pressing = force.wrench[:, FZ] - record.tare_before.mean[FZ]
     limit = bench.rig.config.limits.early_contact
     beyond = force.stamp_ns[(np.abs(pressing) > limit) & (force.stamp_ns > session.struck_ns)]

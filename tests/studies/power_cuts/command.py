@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from protocols.trials.programme import plan_session
+from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, complain, say, write_json
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.recovery import recover_run

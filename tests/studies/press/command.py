@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from drivers.emulators.plant.gel_image_and_lights import GelCamera
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.lights_and_camera import GelCamera
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from tacauchy_rig.app.cli.output import JsonFile, show_table, write_json

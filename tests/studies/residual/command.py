@@ -17,15 +17,16 @@ from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.press_grouping import measured_attempts
-from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench, Pressed, rendered
 
 _LEAN_RAD, _OFFSET_M, _DIMMED, _STIFFER = math.radians(1.0), 0.3e-3, 0.2, 0.15
@@ -119,9 +120,7 @@ PLANTS: dict[Cause, Plant] = {
 }
 
 
-def split_planted(
-    bench: Bench, cause: Cause | None, *, seed: int, on_progress: Say
-) -> Ranked | None:
+def split_planted(bench: Bench, cause: Cause | None, *, seed: int) -> Ranked | None:
     """Replay a run with one thing wrong, or nothing, and split its residual.
 
     The modulus is the true replay's: a run whose depths tell it mends a wrong one before any image
@@ -135,10 +134,8 @@ def split_planted(
     if cause is not None:
         random = np.random.default_rng([seed, list(PLANTS).index(cause)])
         believed, planted = PLANTS[cause](believed, random)
-    part = SplitPart(attempts=measured_attempts(believed.run), inputs=believed.inputs)
-    split = split_images(
-        [part], _images(believed), believed.optics, bench.run.store.config, on_progress=on_progress
-    )
+    part = believed.inputs, measured_attempts(believed.run)
+    split = split_images([part], _images(believed), {}, believed.optics, bench.run.store.config)
     if split is None:
         return None
     name = f"seed {bench.run.store.description.get('seed')}"
@@ -225,7 +222,8 @@ def residual_check(
     for folder in folders:
         run = open_run(folder)
         calibrate = emulated_calibration(run.store)
-        bench = bench_of(run, preset=preset, calibrate=calibrate, on_progress=say)
+        with heard(say):
+            bench = bench_of(run, preset=preset, calibrate=calibrate)
         tasks: list[tuple[Cause | None, int]] = [(None, seed)]
         tasks += [(cause, seed + k) for k in range(draws) for cause in causes]
         done = parallel_map(partial(_looked, bench=bench), tasks, jobs=jobs)
@@ -246,7 +244,8 @@ def residual_check(
 
 def _looked(task: tuple[Cause | None, int], *, bench: Bench) -> Ranked | None:
     """Split one replay, and say at once what was found."""
-    ranked = split_planted(bench, task[0], seed=task[1], on_progress=say)
+    with heard(say):
+        ranked = split_planted(bench, task[0], seed=task[1])
     if ranked is not None:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in ranked.split.shares.items())
         say(f"{ranked.run}, {ranked.planted}: {shares}")

@@ -17,7 +17,7 @@ from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table

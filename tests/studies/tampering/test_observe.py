@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run
 from tests.studies.tampering.cases import TamperCase, all_cases

@@ -6,16 +6,10 @@ from dataclasses import dataclass, replace
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.gather_evidence import load_evidence, stated_curve
-from sim.fields.npz_and_vtu import TrialFields
+from sim.fields.saved_press import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.chosen_optics import (
-    Calibrate,
-    OpticalCalibration,
-    Say,
-    optics_of,
-    say_nothing,
-)
+from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
 from tacauchy_rig.app.replay.pressed_parts import press_together
@@ -24,6 +18,7 @@ from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import mounted
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay
+from tacauchy_rig.core.time_limit_and_progress import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +100,15 @@ class Bench:
         return replace(self.recorded, trials=trials, model=model)
 
 
-def bench_of(
-    run: RunReading,
-    *,
-    preset: Preset,
-    calibrate: Calibrate | None = None,
-    on_progress: Say = say_nothing,
-) -> Bench:
+def bench_of(run: RunReading, *, preset: Preset, calibrate: Calibrate | None = None) -> Bench:
     """Replay a run truly, once for all of its wrong models."""
     inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
     config = run.store.config
-    found = mounted(measured_attempts(run), inputs, config, on_progress=on_progress)
+    found = mounted(measured_attempts(run), inputs, config)
     inputs = found.inputs
     given = run.store.config.sensor.optics_calibration
-    optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
-    on_progress(f"replaying truly, preset {preset.value}")
+    optics = optics_of(given, inputs.sensor, calibrate=calibrate)
+    say(f"replaying truly, preset {preset.value}")
     pressed = _pressed(run, inputs)
     replay, images = rendered(run, inputs, pressed, optics)
     return Bench(

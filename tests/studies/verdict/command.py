@@ -21,6 +21,7 @@ from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Cell, Table, table_of
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WrongModel
 
@@ -248,7 +249,8 @@ def verdict_check(
 
     runs = [open_run(folder) for folder in folders]
     calibrate = emulated_calibration(runs[0].store)
-    bench = bench_of(runs[0], preset=preset, calibrate=calibrate, on_progress=say)
+    with heard(say):
+        bench = bench_of(runs[0], preset=preset, calibrate=calibrate)
     tasks = tasks_of(selected(WRONG_MODELS, only or [], names=lambda m: (m.name,), kind="model"))
     say(f"{len(tasks)} sizes of wrong models, {jobs} at once")
     findings = findings_of(parallel_map(partial(_looked, bench=bench), tasks, jobs=jobs))

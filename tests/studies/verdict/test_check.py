@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from reports.comparison.criteria import judge_modulus
+from reports.comparison.report_criteria import judge_modulus
 from reports.comparison.run_comparison import compare
 from tests.reports.conftest import run_evidence
 from tests.studies.verdict.command import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
-from sim.fields.npz_and_vtu import SurfaceState
+from sim.fields.saved_press import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder

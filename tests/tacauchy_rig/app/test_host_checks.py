@@ -15,9 +15,9 @@ from tacauchy_rig.app.host_checks import (
     memory_check,
     version_check,
 )
-from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.doctor_check import CheckStatus
 from tacauchy_rig.core.errors import RecordError
 
 

@@ -13,7 +13,7 @@ from threading import Event
 import psutil
 import pytest
 
-from tacauchy_rig.core import time_limits
+from tacauchy_rig.core import time_limit_and_progress
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
 from tacauchy_rig.core.parallel import (
     IsolatedWorker,
@@ -22,7 +22,7 @@ from tacauchy_rig.core.parallel import (
     worker_process,
 )
 from tacauchy_rig.core.threads import take_one_thread
-from tacauchy_rig.core.time_limits import (
+from tacauchy_rig.core.time_limit_and_progress import (
     Remaining,
     check_time,
     doing,
@@ -255,9 +255,9 @@ def test_what_takes_long_is_told_and_idle_time_is_not() -> None:
 def test_what_is_left_follows_how_fast_it_went(monkeypatch: pytest.MonkeyPatch) -> None:
     """At first by what others leave of the processors, then by what was seen."""
     now = [0.0]
-    monkeypatch.setattr(time_limits.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(time_limits.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
-    monkeypatch.setattr(time_limits.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(time_limit_and_progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time_limit_and_progress.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
+    monkeypatch.setattr(time_limit_and_progress.os, "cpu_count", lambda: 2)
     left = Remaining(200.0, jobs=2)
     assert left.seconds() == pytest.approx(200.0)  # four programs on two processors
     for _ in range(10):

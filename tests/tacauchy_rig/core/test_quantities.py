@@ -153,4 +153,4 @@ def test_ours_cannot_be_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """A package that brings another ``ur5`` does not change which arm moves."""
     install(tmp_path, "lab-a", "[tacauchy_rig.arms]\nur5 = lab_a:Arm\n")
     monkeypatch.syspath_prepend(tmp_path)
-    assert load(Kind.ARM, "ur5").__module__ == "drivers.arm.ur5_and_watchdog"
+    assert load(Kind.ARM, "ur5").__module__ == "drivers.arm.ur5_motion_and_watchdog"

@@ -57,7 +57,7 @@ from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.atomic_write import writing
 from tacauchy_rig.core.store.run_files import file_sha256
-from tacauchy_rig.core.time_limits import Remaining, doing
+from tacauchy_rig.core.time_limit_and_progress import Remaining, doing
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
@@ -95,6 +95,7 @@ class OpticsRequest:
 class PressFolder:
     """The presses of a folder."""
 
+    background: ImageArray  # no-contact frame of their session, RGB, shape [height, width, 3]
     labelled: list[BallPress]  # where there is a table of their circles
     images: dict[str, ImageArray]  # where there is none, by name
 
@@ -103,19 +104,11 @@ class PressFolder:
         return len(self.labelled) + len(self.images)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpticsInput:
-    """What was read."""
-
-    background: ImageArray  # no-contact frame, RGB, shape [height, width, 3]
-    geometry: CameraGeometry
-    presses: PressFolder
-    check: PressFolder
-    check_background: ImageArray  # no-contact frame of the check's own session, if it has one
-
-
-def read_input(request: OpticsRequest) -> OpticsInput:
+def read_input(request: OpticsRequest) -> tuple[CameraGeometry, PressFolder, PressFolder]:
     """Read everything that a calibration needs, and refuse what cannot be calibrated from.
+
+    Returns:
+        Where pixels look, the presses, and those of the check, none without one.
 
     Raises:
         ConfigError: A file is missing or damaged, images differ in size, circles are impossible,
@@ -138,20 +131,14 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         )
     if presses.labelled:
         check_before(presses.labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
-    check, check_background = PressFolder(labelled=[], images={}), background
+    check = PressFolder(background=background, labelled=[], images={})
     if request.check is not None:
         own = request.check / request.background.name
         if own.exists():
-            check_background = read_rgb(own)
-            check_size(own.name, check_background, background)
-        check = _read_folder(request, request.check, check_background)
-    return OpticsInput(
-        background=background,
-        geometry=geometry,
-        presses=presses,
-        check=check,
-        check_background=check_background,
-    )
+            background = read_rgb(own)
+            check_size(own.name, background, presses.background)
+        check = _read_folder(request, request.check, background)
+    return geometry, presses, check
 
 
 def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -> PressFolder:
@@ -165,7 +152,7 @@ def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -
     labelled = read_ball_presses(folder, table) if table else []
     check_presses_fit(labelled, background)
     images = {} if table else _images(request, folder, background)
-    return PressFolder(labelled=labelled, images=images)
+    return PressFolder(background=background, labelled=labelled, images=images)
 
 
 def rightly_labelled(
@@ -259,11 +246,11 @@ def calibrate_and_check(
         ConvergenceError: The simulated ball press finds no equilibrium.
         RecordError: A result cannot be written.
     """
-    read = read_input(request)
+    geometry, given, given_check = read_input(request)
     radius_m, shadows = 0.5 * request.ball_diameter_m, request.sensor.optics.shadows
-    count, depths = len(read.presses), len(DEPTHS_M)
+    count, depths = len(given), len(DEPTHS_M)
     folds = min(request.folds, count)
-    find_s = _FIND_S * (len(read.presses.images) + len(read.check.images))
+    find_s = _FIND_S * (len(given.images) + len(given_check.images))
     fit_s = count * _FIT_S[shadows is not None]
     alone = Remaining(_PRESSES_S + find_s)
     fits = Remaining((folds + 1) * fit_s, jobs=min(request.jobs, folds))
@@ -284,23 +271,23 @@ def calibrate_and_check(
     tell("pressing the ball in the simulator", 0)
     scene = pressed_scene(
         request.sensor,
-        read.background,
-        read.geometry,
+        given.background,
+        geometry,
         ball_diameter_m=request.ball_diameter_m,
         preset=request.preset,
         on_press=pressed,
     )
-    is_same = read.check_background is read.background
-    there = scene if is_same else scene.over(read.check_background)
+    is_same = given_check.background is given.background
+    there = scene if is_same else scene.over(given_check.background)
     with doing("finding the contacts"):
-        presses, warnings = find_presses(read.presses, scene, ball_radius_m=radius_m)
-        checked, wrong = find_presses(read.check, there, ball_radius_m=radius_m)
+        presses, warnings = find_presses(given, scene, ball_radius_m=radius_m)
+        checked, wrong = find_presses(given_check, there, ball_radius_m=radius_m)
     if len(presses) < FEWEST:
         raise ConfigError(
             f"{len(warnings)} of {count} labels contradict their images: {warnings[0]}",
             remedy="check that the circles are of these images, and their columns",
         )
-    warnings += check_before(presses, read.geometry, ball_radius_m=radius_m) + wrong
+    warnings += check_before(presses, geometry, ball_radius_m=radius_m) + wrong
     alone.spend(find_s)
     fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
@@ -318,7 +305,7 @@ def calibrate_and_check(
     try:
         if placed:
             view, told = replay_optics.fitted_view(
-                placed, read.geometry, request.sensor.pad, ball_radius_m=radius_m
+                placed, geometry, request.sensor.pad, ball_radius_m=radius_m
             )
             provenance[replay_optics.VIEW] = {
                 name: getattr(view.geometry, name) for name in replay_optics.VIEWED
@@ -346,7 +333,7 @@ def calibrate_and_check(
         provenance=provenance,
         files=files,
     )
-    order = [press.name for press in read.presses.labelled or presses]
+    order = [press.name for press in given.labelled or presses]
     return result, {order.index(item.press.name) + 1: item for item in labelled}
 
 

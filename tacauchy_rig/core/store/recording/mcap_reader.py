@@ -411,16 +411,9 @@ class Recording:
         parts = ", ".join(f"{topic[1:]} {len(self._entries[topic])}" for topic in Topic)
         return f"{self.message_count} messages over {self.duration_s:.2f} s are readable ({parts})"
 
-    def force(self) -> ForceArrays:
-        """Return the force stream; it is decoded once."""
-        return self._force
-
-    def arm(self) -> ArmArrays:
-        """Return the arm's states; they are decoded once."""
-        return self._arm
-
     @cached_property
-    def _force(self) -> ForceArrays:
+    def force(self) -> ForceArrays:
+        """The force stream, raw."""
         messages = self._decoded(Topic.FORCE)
         return ForceArrays(
             stamp_ns=_column(messages, "stamp_ns"),
@@ -429,7 +422,8 @@ class Recording:
         )
 
     @cached_property
-    def _arm(self) -> ArmArrays:
+    def arm(self) -> ArmArrays:
+        """The arm's states."""
         messages = self._decoded(Topic.ARM)
         force = _table(messages, TCP_FORCE_FIELDS)
         absent = [[not each.HasField(name) for name in TCP_FORCE_FIELDS] for each in messages]

@@ -16,7 +16,7 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_rtde import DASHBOARD_PORT
-from drivers.emulators.arm.safety_motion_and_force_estimate import COARSENESS
+from drivers.emulators.arm.coarse_force_estimate import COARSENESS
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, command_line, post_fault

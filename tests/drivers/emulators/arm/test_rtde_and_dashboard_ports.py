@@ -14,11 +14,7 @@ from hypothesis import strategies as st
 from drivers.arm.ur5_rtde import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.rtde_and_dashboard_ports import Connection, DashboardPort, ScriptPort
-from drivers.emulators.arm.safety_motion_and_force_estimate import (
-    NORMAL,
-    PROTECTIVE_STOP,
-    ControllerBody,
-)
+from drivers.emulators.arm.safety_and_registers import NORMAL, PROTECTIVE_STOP, ControllerBody
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.run import Pose

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
 from drivers.emulators.plant.gel_response import SurfaceProfile
-from drivers.emulators.plant.lights_and_camera import render_press, view_of
 from drivers.emulators.plant.press_table import PressCase, compute_table
-from drivers.emulators.plant.relief_and_scattered_light import relief_of, visible_share
+from drivers.emulators.plant.relief_shadows_and_texture import relief_of, visible_share
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import (
     EmulatedUnit,

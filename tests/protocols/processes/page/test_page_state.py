@@ -11,7 +11,7 @@ from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
 from protocols.processes.page.small_picture import WIDEST_PX, reduced
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
-from protocols.trials.programme import plan_session
+from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.image_codec import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event

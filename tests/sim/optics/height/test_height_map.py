@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.npz_and_vtu import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, surface_state
 from sim.mesh.elements import FACE_EDGES, linear_facets, quadratic_nodes
 from sim.optics.height.height_map import cut_face, cut_tables, height_maps
 from sim.optics.height.slope_kernel import indenter_height

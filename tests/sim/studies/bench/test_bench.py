@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.fields.npz_and_vtu import SurfaceState
+from sim.fields.saved_press import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.mesh.cached_tet_mesh import smallest_dihedral_deg
 from sim.mesh.elements import ElementOrder
-from sim.mesh.mesh_and_cache import smallest_dihedral_deg
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Effect
 from sim.solve.equilibrium import SolverOptions

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from protocols.steps.servo_hold_sway import FREQUENCIES_HZ
+from protocols.steps.force_servo_hold_sway import FREQUENCIES_HZ
 from tacauchy_rig.app.calibration.latency import (
     Delay,
     even_stamps,

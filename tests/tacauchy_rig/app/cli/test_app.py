@@ -83,7 +83,7 @@ def test_nothing_moves_without_the_sensors_name(
 ) -> None:
     """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("drivers.device_checks.require_devices", lambda _: None)
+    monkeypatch.setattr("tacauchy_rig.app.cli.run_and_resume.require_devices", lambda _: None)
     (tmp_path / "rig.toml").write_text(example_text())
     unchecked = ["--set=limits.allow_unchecked_force=true", *SMALL]
     done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN, *unchecked], input="yes\n")

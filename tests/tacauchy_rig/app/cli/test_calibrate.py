@@ -254,10 +254,13 @@ def test_one_ball_from_a_table(
 ) -> None:
     """Modulus and stated nu predict the forces; of wrong ones nothing is written."""
     monkeypatch.setattr(
-        "tacauchy_rig.app.calibration.material.fit.respond", lambda *_, **__: made_response(**BALL)
+        "tacauchy_rig.app.calibration.material.fit_and_next_presses.respond",
+        lambda *_, **__: made_response(**BALL),
     )
     candidates = ("sphere:diameter=6mm", "sphere:diameter=10mm")
-    monkeypatch.setattr("tacauchy_rig.app.calibration.material.fit.CANDIDATES", candidates)
+    monkeypatch.setattr(
+        "tacauchy_rig.app.calibration.material.fit_and_next_presses.CANDIDATES", candidates
+    )
     presses = made_presses("sphere:diameter=6mm", **GEL, **BALL)
     force_n = presses.force_n.copy()
     force_n[4] *= 1.2 if wrong else 1.0

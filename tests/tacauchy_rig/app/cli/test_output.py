@@ -18,6 +18,7 @@ from typer import Context, Option, Typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.output import (
     Steps,
@@ -26,19 +27,20 @@ from tacauchy_rig.app.cli.output import (
     writable_folder,
     write_json,
 )
-from tacauchy_rig.app.cli.progress_and_weight_prompt import (
+from tacauchy_rig.app.cli.session_progress import (
     EMPTY,
     FULL,
     HOW_TO_STOP,
     MARK,
     PHASES,
+    PROGRESS,
+    SessionProgress,
     force_bar,
-    live_lines,
 )
+from tacauchy_rig.core.config.field_ranges import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
-from tacauchy_rig.core.config.unit_fields import ceilings
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.run import Phase
+from tacauchy_rig.core.run import JournalEvent, Phase
 
 
 class _Colour(StrEnum):
@@ -190,30 +192,28 @@ def test_every_ceiling_is_printed_with_its_reason() -> None:
         assert ceiling.because in printed
 
 
-FACTS = {
-    "step": "pressing to the target",
-    "trial": "trial 2 of 6",
-    "force_n": 1.5,
-    "target_n": 2.0,
-    "tolerance_n": 0.03,
-    "limit_n": 6.0,
-    "height_m": 0.1997,
-    "left_s": 75.4,
-}
+EVENTS = (
+    JournalEvent.now("phase", phase="press"),
+    JournalEvent(
+        stamp_ns=0, name="attempt-start", trial=2, attempt=1, detail={"force_target_n": 2}
+    ),
+    JournalEvent.now(PROGRESS, force_n=1.5, height_m=0.1997),
+)
 
 
-def shown(width, **changes):
-    """Return the lines as a terminal of that width shows them."""
-    out = io.StringIO()
-    Console(file=out, width=width, force_terminal=False).print(
-        live_lines(**{**FACTS, **changes}, width=width)
-    )
+def shown(width, *events, left_s=None):
+    """Return the lines after events as a terminal of that width shows them."""
+    progress, out = SessionProgress(load_config(None).config, plan=()), io.StringIO()
+    for event in events:
+        progress(event)
+    with patch.object(TimeLeft, "seconds", return_value=left_s):
+        Console(file=out, width=width, force_terminal=False).print(progress.lines(width))
     return out.getvalue().splitlines()
 
 
 def test_force_target_time_and_the_way_to_stop_are_told():
     """Four lines of a usual terminal."""
-    step, force, when, how = shown(100)
+    step, force, when, how = shown(100, *EVENTS, left_s=75.4)
     assert step == "  pressing to the target   trial 2 of 6"
     assert force.startswith("   1.500 N " + FULL)
     assert force.endswith(" of 2.000 ± 0.03 N, limit 6 N")
@@ -223,14 +223,14 @@ def test_force_target_time_and_the_way_to_stop_are_told():
 
 def test_nothing_is_wrapped_on_a_narrow_terminal():
     """A line that wraps would push the others away: ends are cut off."""
-    lines = shown(30)
+    lines = shown(30, *EVENTS)
     assert len(lines) == 4
     assert lines[-1].startswith("  any key stops")
 
 
 def test_before_the_first_force_nothing_is_made_up():
     """No target, no height, no time: those parts are left out."""
-    lines = shown(80, force_n=None, target_n=None, height_m=None, left_s=None)
+    lines = shown(80)
     assert MARK not in lines[1]
     assert lines[2].strip() == ""
 

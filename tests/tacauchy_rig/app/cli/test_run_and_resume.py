@@ -19,16 +19,16 @@ from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import emulated_calibration, run_and_resume
 from tacauchy_rig.app.cli import replay_report_export_serve as run_folders
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.confirmation import confirm
 from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
-from tacauchy_rig.app.cli.progress_and_weight_prompt import ask_for_weight
-from tacauchy_rig.app.session.record_and_weigh import ForceCheckError, missed_lines
+from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, confirm
+from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError
 from tacauchy_rig.core.known_weight import Weight, parse_weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 from tests.recorded_run import empty_run
 from tests.tacauchy_rig.core.test_force_sensor_gain import weighed
 
@@ -240,7 +240,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Each calibration of a sensor, by name."""
     made: list[str] = []
 
-    def calibrate(sensor: Any, say: Any) -> Any:
+    def calibrate(sensor: Any) -> Any:
         made.append(sensor.name)
         say("calibrating")
         return FOUND
@@ -255,7 +255,8 @@ def test_what_began_while_recording_is_not_done_again(calls: list[str]) -> None:
     with ThreadPoolExecutor(1) as worker:
         calibrate = begin_calibration(_store(), worker)
         assert calibrate is not None
-        assert calibrate(HERE, said.append) is FOUND
+        with heard(said.append):
+            assert calibrate(HERE) is FOUND
     assert (calls, said) == (["gelsight-mini"], ["calibrating"])
 
 
@@ -267,7 +268,8 @@ def test_a_killed_worker_is_named_and_the_calibration_done_here(calls: list[str]
     calibrate = begin_calibration(_store(), broken)
     said: list[str] = []
     assert calibrate is not None
-    assert calibrate(HERE, said.append) is FOUND
+    with heard(said.append):
+        assert calibrate(HERE) is FOUND
     assert calls == ["here"]
     assert "calibrating again" in said[0]
 

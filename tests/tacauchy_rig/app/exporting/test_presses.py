@@ -9,7 +9,7 @@ import pyvista
 from pxr import Gf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from sim.effects.presets import build_model
-from sim.fields.npz_and_vtu import passed_states
+from sim.fields.saved_press import passed_states
 from sim.press_arguments import scene_from
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath

@@ -22,7 +22,7 @@ from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
@@ -63,9 +63,9 @@ def test_it_imports_again(ours: RunStore, form: Format, held_off: float, tmp_pat
         zero = 0.0
         if form is Format.LEROBOT:
             assert own.tare_before is not None
-            zero = sent.force().between(own.tare_before.start_ns, own.tare_before.end_ns).mean(0)
-        known = {row.tobytes() for row in (sent.force().wrench - zero).astype(np.float32)}
-        assert all(row.tobytes() in known for row in back.force().wrench.astype(np.float32))
+            zero = sent.force.between(own.tare_before.start_ns, own.tare_before.end_ns).mean(0)
+        known = {row.tobytes() for row in (sent.force.wrench - zero).astype(np.float32)}
+        assert all(row.tobytes() in known for row in back.force.wrench.astype(np.float32))
 
 
 def test_lerobot_is_read_by_others(ours: RunStore, tmp_path: Path) -> None:
@@ -81,11 +81,11 @@ def test_lerobot_is_read_by_others(ours: RunStore, tmp_path: Path) -> None:
     recording, record = recording_of(ours, 2), ours.counting(2)
     assert record is not None
     assert record.tare_before is not None
-    force, (stamps_ns, _) = recording.force(), recording.frame_stamps()
+    force, (stamps_ns, _) = recording.force, recording.frame_stamps()
     zero = force.between(record.tare_before.start_ns, record.tare_before.end_ns).mean(axis=0)
     frames = [decode_rgb(frame.jpeg) for frame in recording.frames()]
     start_ns = max(stamps_ns[0], force.stamp_ns[np.shape(rows["observation.wrench_window"])[1] - 1])
-    start_ns = max(start_ns, recording.arm().stamp_ns[0])
+    start_ns = max(start_ns, recording.arm.stamp_ns[0])
     for row in range(places[1]["dataset_from_index"], info["total_frames"], 17):
         now_ns = start_ns + round(rows["frame_index"][row] / info["fps"] * 1e9)
         newest = np.flatnonzero(force.stamp_ns <= now_ns)[-1]
@@ -116,7 +116,7 @@ def test_a_bag_is_read_by_ros_and_mcap(ours: RunStore, tmp_path: Path) -> None:
     ]
     first = TYPES.deserialize_cdr(raw[0], "sensor_msgs/msg/JointState")
     assert first.name[2] == "tip_z_m"
-    assert first.position.tolist() == sent[0].arm().pose[0].tolist()
+    assert first.position.tolist() == sent[0].arm.pose[0].tolist()
     frame = next(sent[0].frames())
     image = TYPES.deserialize_cdr(shown[0][1], "sensor_msgs/msg/CompressedImage")
     assert (shown[0][0], image.data.tobytes()) == (frame.stamp_ns, frame.jpeg)
@@ -126,7 +126,7 @@ def test_a_bag_is_read_by_ros_and_mcap(ours: RunStore, tmp_path: Path) -> None:
     counts = {
         summary.channels[k].topic: n for k, n in summary.statistics.channel_message_counts.items()
     }
-    assert counts["/tip/pose"] == sum(len(each.arm().stamp_ns) for each in sent)
+    assert counts["/tip/pose"] == sum(len(each.arm.stamp_ns) for each in sent)
     assert counts["/tactile/image"] == sum(len(each.frame_stamps()[0]) for each in sent)
 
 
@@ -140,8 +140,8 @@ def test_hdf5_has_robomimic_s_layout_and_units(ours: RunStore, tmp_path: Path) -
         count = demo.attrs["num_samples"]
         assert {len(demo[f"obs/{name}"]) for name in demo["obs"]} == {count, len(demo["actions"])}
         assert demo["obs/wrench"].attrs["unit"] == "N, N, N, N m, N m, N m"
-        assert np.array_equal(demo["samples/force"], recording.force().wrench)
-        assert np.array_equal(demo["samples/pose"], recording.arm().pose)
+        assert np.array_equal(demo["samples/force"], recording.force.wrench)
+        assert np.array_equal(demo["samples/pose"], recording.arm.pose)
         assert np.array_equal(demo["actions"][:-1], demo["obs/state"][1:])
         assert demo.attrs["force_measured_n"] == ours.counting(2).force_measured_n
         assert demo["obs/tactile"].shape == (count, 48, 64, 3)

@@ -65,7 +65,7 @@ def write_csv(store: RunStore, folder: Path, *, spec: str = CSV_SPEC) -> Path:
         recording = Recording.open(store.paths.recording(record.index, record.attempt))
         tare = record.tare_before
         assert tare is not None
-        force = recording.force()
+        force = recording.force
         for state, start, end in (
             ("unloaded", tare.start_ns, tare.end_ns),
             ("pressed", record.dwell_start_ns or 0, record.dwell_end_ns or 0),
@@ -157,7 +157,7 @@ def _messages(store: RunStore) -> Iterator[tuple[str, int, Any]]:
     vector, point = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Point"]
     for record in counting(store):
         recording = Recording.open(store.paths.recording(record.index, record.attempt))
-        force, arm = recording.force(), recording.arm()
+        force, arm = recording.force, recording.arm
         for stamp, wrench in zip(force.stamp_ns.tolist(), force.wrench.tolist(), strict=True):
             felt = kinds["geometry_msgs/msg/Wrench"](
                 force=vector(*wrench[:3]), torque=vector(*wrench[3:])
@@ -217,7 +217,7 @@ def write_video(store: RunStore, folder: Path, *, later_s: float, spec: str = VI
     rows: list[tuple[float, ...]] = []
     for record in counting(store):
         recording = Recording.open(store.paths.recording(record.index, record.attempt))
-        force, arm = recording.force(), recording.arm()
+        force, arm = recording.force, recording.arm
         pose = [np.interp(force.stamp_ns, arm.stamp_ns, arm.pose[:, axis]) for axis in range(3)]
         rows += zip(force.stamp_ns / 1e9, *force.wrench.T, *pose, strict=True)
         for frame in recording.frames():

@@ -15,7 +15,7 @@ from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.importing.sources import (

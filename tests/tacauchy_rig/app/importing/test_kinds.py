@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tacauchy_rig.app.importing.images import opened
+from tacauchy_rig.app.importing.image_conversion import opened
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tests.tacauchy_rig.app.importing.sources import counting
 
 SEED = 20261127

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.frame_generator import DEPTH_STEP_M, FrameFactory, PressKey
+from drivers.emulators.camera.frames_and_noise import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.frames_and_curves import RunReading
-from sim.fields.npz_and_vtu import IntermediateState, SurfaceState, TrialFields
+from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.from_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
@@ -25,8 +25,9 @@ from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.reports.conftest import record, replay_of
 
 BALL = Sphere(diameter_m=6e-3)
@@ -111,9 +112,10 @@ def test_finished_presses_are_not_pressed_again(
     optics = nominal_optics(parts[0].inputs.sensor)
     bench.cut_after = 5  # all three with the stated modulus, two with the fitted one
     with pytest.raises(KeyboardInterrupt):
-        replay_parts.replay_parts(run, parts, optics, on_progress=lines.append)
+        replay_parts.replay_parts(run, parts, optics)
     bench.cut_after, bench.pressed = 1000, 0
-    found = replay_parts.replay_parts(run, parts, optics, on_progress=lines.append)
+    with heard(lines.append):
+        found = replay_parts.replay_parts(run, parts, optics)
     assert bench.pressed == 1
     assert [each.trials[0].index for each in found] == [1, 2, 3]
     assert "  2 of 3 places are finished from before" in lines
@@ -126,15 +128,15 @@ def test_other_optics_render_again_and_another_gel_presses_again(
     """What was pressed stays as long as it was pressed with the same."""
     bench, parts = Bench(monkeypatch), parts_of(run)
     optics = nominal_optics(parts[0].inputs.sensor)
-    replay_parts.replay_parts(run, parts, optics, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, optics)
     assert (bench.pressed, bench.rendered) == (6, 3)
-    replay_parts.replay_parts(run, parts, optics, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, optics)
     assert (bench.pressed, bench.rendered) == (6, 3)
     other = replace(optics, blur_px=1.0)
-    replay_parts.replay_parts(run, parts, other, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, parts, other)
     assert (bench.pressed, bench.rendered) == (6, 6)
     softer = [replace(each, inputs=each.inputs.stiffer(0.9)) for each in parts]
-    replay_parts.replay_parts(run, softer, other, on_progress=lambda _: None)
+    replay_parts.replay_parts(run, softer, other)
     assert (bench.pressed, bench.rendered) == (12, 9)
 
 
@@ -147,7 +149,7 @@ def test_a_repeated_replay_presses_nothing(
     moved = [replace(each, inputs=each.inputs.moved((1e-4, 0.0))) for each in probes]
     for _ in range(2):
         for name, parts in ((replay_parts.PROBES_NAME, probes), (replay_parts.REPLAY_NAME, moved)):
-            replay_parts.replay_parts(run, parts, optics, name=name, on_progress=lambda _: None)
+            replay_parts.replay_parts(run, parts, optics, name=name)
         assert bench.pressed == 9
 
 

@@ -20,7 +20,7 @@ from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.importing.ros_bag import CHUNK_BYTES, check_chunks
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
-from tacauchy_rig.core.store.check.run_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.importing.sources import (

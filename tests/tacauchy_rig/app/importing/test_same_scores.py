@@ -18,7 +18,7 @@ from reports.comparison.result_types import TrialResult
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, Say, optics_of
+from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_of
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
@@ -35,9 +35,9 @@ FORMATS: dict[str, Write] = {
 }
 
 
-def calibrated(file: str, sensor: Sensor, say: Say) -> OpticalCalibration:
+def calibrated(file: str, sensor: Sensor) -> OpticalCalibration:
     """Return the optics of a file, as an imported run names it."""
-    return optics_of(file, sensor, calibrate=None, on_progress=say)
+    return optics_of(file, sensor, calibrate=None)
 
 
 def scored(store: RunStore, optics: str = "") -> tuple[TrialResult, ...]:

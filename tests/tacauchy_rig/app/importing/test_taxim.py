@@ -95,11 +95,9 @@ def test_optics_are_calibrated_from_the_run(tmp_path: Path) -> None:
     assert request.ball_diameter_m == pytest.approx(4e-3)
     assert request.scale_px_m == pytest.approx((33898.3, 33898.3), rel=1e-5)
     assert request.out == run.store.paths.root / "optics" / "calibration.npz"
-    read = read_input(request)
-    assert [press.circle.y_px for press in read.presses.labelled] == [
-        200.0 + 10 * k for k in range(6)
-    ]
-    assert read.presses.labelled[1].image[0, 0].tolist() == [70, 60, 51]
+    _, read, _ = read_input(request)
+    assert [press.circle.y_px for press in read.labelled] == [200.0 + 10 * k for k in range(6)]
+    assert read.labelled[1].image[0, 0].tolist() == [70, 60, 51]
     assert read.background[0, 0].tolist() == [30, 20, 10]
 
 

@@ -19,7 +19,7 @@ from sim.tilt_sensitivity import forces_at
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.input_uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.app.replay.rendering import replay_images
-from tacauchy_rig.app.replay.residual_split import SplitPart, split_images
+from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
@@ -119,8 +119,7 @@ def _split(true: Mapping[int, ImageArray], believed: ReplayInputs) -> ResidualSp
         for k, force_n in enumerate(FORCES_N, start=1)
     ]
     config = load_config().config
-    part = SplitPart(attempts=attempts, inputs=believed)
-    return split_images([part], _images(believed), optics, config, on_progress=lambda _: None)
+    return split_images([(believed, attempts)], _images(believed), {}, optics, config)
 
 
 @pytest.mark.slow

@@ -23,7 +23,6 @@ from sim.tolerance import Tolerance
 from tacauchy_rig.app.replay.chosen_optics import (
     VIEWED,
     OpticalCalibration,
-    Say,
     calibrated_optics,
     fitted_view,
     optics_of,
@@ -32,6 +31,7 @@ from tacauchy_rig.app.replay.simulator_inputs import check_optics, check_replay,
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.mock.real_time import load_mocks, mocks_installed
 from tests.tacauchy_rig.app.importing.test_places import CUBE
 
@@ -197,11 +197,12 @@ def test_no_calibration_renders_what_cannot_be_calibrated(tmp_path: Path) -> Non
     with pytest.raises(ConfigError, match=r"optics\.kind photometric cannot be calibrated"):
         calibrated_optics(_calibration(tmp_path), sensor)
 
-    def calibrate(_sensor: Sensor, _say: Say) -> OpticalCalibration:
+    def calibrate(_sensor: Sensor) -> OpticalCalibration:
         raise AssertionError
 
     said: list[str] = []
-    found = optics_of("", sensor, calibrate=calibrate, on_progress=said.append)
+    with heard(said.append):
+        found = optics_of("", sensor, calibrate=calibrate)
     assert found.model is sensor.optics.model
     assert "not calibrated" in said[0]
 

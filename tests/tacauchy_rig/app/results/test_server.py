@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tacauchy_rig.app.results.run_list_and_trend import (
+from tacauchy_rig.app.results.run_list_comparison_trend import (
     ListedRun,
     differing,
     find_runs,

@@ -10,7 +10,7 @@ import pytest
 from tacauchy_rig.app.replay.simulator_inputs import check_gel
 from tacauchy_rig.app.session import expected_force as loop_expected
 from tacauchy_rig.app.session.expected_force import expected_press, kept_expectation
-from tacauchy_rig.app.session.record_and_weigh import (
+from tacauchy_rig.app.session.record_run_and_weight_check import (
     ForceCheckError,
     check_cell,
     mark_expired,
@@ -47,7 +47,7 @@ def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
     """Let the cell read ``scale`` of what hangs on it."""
     readings = (tare(1.4), tare(1.4 - scale * WEIGHT.force_n), tare(1.4))
     monkeypatch.setattr(
-        "tacauchy_rig.app.session.record_and_weigh.weigh", lambda _config, **_: readings
+        "tacauchy_rig.app.session.record_run_and_weight_check.weigh", lambda _config, **_: readings
     )
 
 

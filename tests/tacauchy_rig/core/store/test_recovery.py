@@ -89,7 +89,7 @@ def test_spills_are_merged_once(finished: Path, samples: Any) -> None:
     report = recover_recording(finished)
     assert (report.message_count, report.merged_count) == (94, 3)
     recording = Recording.open(finished)
-    assert recording.force().counter.tolist() == list(range(42))
+    assert recording.force.counter.tolist() == list(range(42))
     assert recording.frame_stamps()[1].tolist() == list(range(11))
     names = sorted(path.name for path in folder.glob("unacknowledged*"))
     assert names == ["unacknowledged-camera.mcap.merged", "unacknowledged-control.mcap.merged"]

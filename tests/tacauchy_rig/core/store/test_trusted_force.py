@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.trials.programme import plan_session
+from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event

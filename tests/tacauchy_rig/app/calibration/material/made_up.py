@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tacauchy_rig.app.calibration.material.fit import NODES, OF_OTHER_LAW, Response
-from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+from tacauchy_rig.app.calibration.material.fit_and_next_presses import NODES, OF_OTHER_LAW, Response
+from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config

@@ -155,7 +155,7 @@ def test_damage_to_the_list_of_channels(folder: Path, original: Original) -> Non
     content = bytearray(original.unfinished)
     content[original.acknowledged[0][0] + 60] ^= 0xFF
     recording = _opened(folder, bytes(content))
-    assert recording.force().counter.tolist() == list(range(2 * FRAME_COUNT))
+    assert recording.force.counter.tolist() == list(range(2 * FRAME_COUNT))
     assert recording.frame_stamps()[1].tolist() == list(range(1, FRAME_COUNT))
     assert recording.damage.startswith("bytes ")
 

@@ -35,7 +35,7 @@ def test_what_is_written_is_read(finished: Path, samples: Any) -> None:
     assert recording.is_intact
     assert recording.message_count == 91
     assert recording.metadata == {"trial": "1"}
-    force, arm = recording.force(), recording.arm()
+    force, arm = recording.force, recording.arm
     for index in range(40):
         sample, state = samples.force(index), samples.arm(index)
         assert force.stamp_ns[index] == sample.stamp_ns
@@ -73,7 +73,7 @@ def test_streams_are_read_in_order_of_arrival(tmp_path: Path, samples: Any) -> N
         writer.write([samples.force(9), samples.force(2)])
         writer.write([samples.frame(0)])
     recording = Recording.open(path)
-    assert recording.force().counter.tolist() == [2, 9]
+    assert recording.force.counter.tolist() == [2, 9]
     assert [frame.counter for frame in recording.frames()] == [0, 1]
     assert recording.start_ns == samples.frame(0).stamp_ns
     assert recording.end_ns == samples.force(9).stamp_ns
@@ -85,9 +85,9 @@ def test_an_empty_recording_has_empty_streams(tmp_path: Path) -> None:
     RecordingWriter(path, metadata={}).close()
     recording = Recording.open(path)
     assert recording.is_intact
-    assert recording.force().wrench.shape == (0, 6)
-    assert recording.arm().pose.shape == (0, 6)
-    assert recording.arm().controller_time_s.shape == (0,)
+    assert recording.force.wrench.shape == (0, 6)
+    assert recording.arm.pose.shape == (0, 6)
+    assert recording.arm.controller_time_s.shape == (0,)
     assert list(recording.frames()) == []
     assert recording.duration_s == 0.0
 
@@ -145,8 +145,8 @@ def test_extreme_values_come_back(tmp_path: Path) -> None:
         writer.write([frame])
     recording = Recording.open(path)
     expected = np.array(wrench)
-    assert recording.force().wrench.tobytes() == expected.tobytes()
-    assert recording.force().counter[0] == 2**40 + 3
+    assert recording.force.wrench.tobytes() == expected.tobytes()
+    assert recording.force.counter[0] == 2**40 + 3
     (back,) = recording.frames()
     assert (back.counter, back.jpeg, back.device_stamp_s) == (2**32 - 1, b"", None)
     assert recording.metadata == {"ключ": "значение"}
@@ -265,7 +265,7 @@ def _check(path: Path, acknowledged: int) -> int:
     recording = Recording.open(path)
     assert recording.damage == ""
     assert recording.message_count >= acknowledged
-    force, frames = recording.force(), list(recording.frames())
+    force, frames = recording.force, list(recording.frames())
     assert len(force.counter) + len(frames) == recording.message_count
     assert np.array_equal(force.counter, np.arange(len(force.counter)))
     assert np.array_equal(force.wrench[:, 0], force.counter / 3)

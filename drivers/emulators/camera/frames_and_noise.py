@@ -1,0 +1,282 @@
+"""An emulated camera: a process that serves frames of the plant over HTTP, or to a V4L2 device.
+
+The process prints one JSON line with its URL or path. Frames are captured on absolute deadlines and
+leave the camera's latency later.
+"""
+
+import logging
+import random
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import lru_cache, partial
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+
+from drivers.emulators.camera.frame_server import (
+    VIDEO_DEVICE,
+    FrameServer,
+    description_of,
+    encode_jpeg,
+    encoder_of,
+    mjpeg_server,
+    serve_device,
+    without_a_packet,
+)
+from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentImageFaults
+from drivers.emulators.plant.gel_image_and_lights import GelCamera, Region
+from drivers.emulators.plant.gel_response import Plant
+from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
+from tacauchy_rig.core.arrays import ImageArray
+
+_MARGIN_PX = 64
+
+
+class NoisePool:
+    """Gaussian noise for frames of one size; each use begins at another place of the pool."""
+
+    def __init__(self, truth: PlantTruth, width: int, height: int) -> None:
+        self._random = np.random.default_rng([truth.seed, 4])
+        shape = (height + _MARGIN_PX, width + _MARGIN_PX, 3)
+        # Two pools, because OpenCV adds and subtracts bytes several times faster than it adds
+        # signed numbers to them.
+        self._above, self._below = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+        for row in range(0, shape[0], _MARGIN_PX):  # in parts: the floats need four times the room
+            part = self._random.standard_normal(
+                (min(_MARGIN_PX, shape[0] - row), *shape[1:]), np.float32
+            )
+            levels = np.round(part * truth.image_noise_levels)
+            self._above[row : row + _MARGIN_PX] = np.maximum(levels, 0.0)
+            self._below[row : row + _MARGIN_PX] = np.maximum(-levels, 0.0)
+
+    def added(self, image: ImageArray) -> ImageArray:
+        """Return ``image`` [rows, columns, 3] with noise."""
+        brighter = cv2.add(image, self._above[self._window()])
+        return np.asarray(cv2.subtract(brighter, self._below[self._window()]), np.uint8)
+
+    def _window(self) -> tuple[slice, slice]:
+        """Return a frame's rows and columns, anywhere in a pool."""
+        top, left = self._random.integers(0, _MARGIN_PX + 1, 2)
+        rows, columns = self._above.shape[0] - _MARGIN_PX, self._above.shape[1] - _MARGIN_PX
+        return slice(top, top + rows), slice(left, left + columns)
+
+
+DEPTH_STEP_M = 4e-6
+PLACE_STEP_M = 1e-5
+LIGHT_STEP = 2e-3
+# Contacts: a dwell shows a few, and a press none twice.
+_KEPT_COUNT = 64
+_OVEREXPOSURE = 4.0
+
+
+class PressKey(NamedTuple):
+    """What distinguishes one rendered contact from another, in the steps above."""
+
+    depth: int = 0  # of the unloaded gel
+    x: int = 0
+    y: int = 0
+    light: int = 0
+
+
+_Contact = tuple[Region, ImageArray] | None
+
+
+class FrameFactory:
+    """Makes frames of one plant: JPEG, or whatever ``encode`` makes of a BGR image.
+
+    ``prepare`` may run in another thread than the rest: what it makes is published whole.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        width: int,
+        height: int,
+        encode: Callable[[ImageArray], bytes] = encode_jpeg,
+    ) -> None:
+        self.plant = plant
+        self._encode = encode
+        self._camera = GelCamera(plant.truth, (width, height))
+        self._noise = NoisePool(plant.truth, width, height)
+        self._kept = lru_cache(_KEPT_COUNT)(self._rendered)
+        self._shown: tuple[PressKey, _Contact] = PressKey(), None
+        self._unloaded = self._camera.render(None)
+        # Made beforehand: too much light holds no camera up.
+        self._overexposed = self._camera.render(None, light=_OVEREXPOSURE)
+
+    @property
+    def newest(self) -> PressKey:
+        """What was prepared last; the camera shows it until a newer one is."""
+        return self._shown[0]
+
+    def prepare(self, key: PressKey) -> None:
+        """Render what the next frames show."""
+        contact = self._kept(key) if key.depth > 0 else None
+        if key.light != self.newest.light:
+            self._unloaded = self._camera.render(None, light=_gain(key))
+        self._shown = key, contact
+
+    def compose(self, *, overexposed: bool = False) -> bytes:
+        """Return the newest frame, or one in which far too much light drowns everything."""
+        image, (_, contact) = self._unloaded.copy(), self._shown
+        if overexposed:
+            image = self._overexposed
+        elif contact is not None:
+            region, seen = contact
+            image[region] = seen
+        return self._encode(self._noise.added(self._camera.enlarged(image)))
+
+    def _rendered(self, key: PressKey) -> _Contact:
+        """Return what a press changes, where and how it is seen; None where that is nothing."""
+        place = (key.x * PLACE_STEP_M, key.y * PLACE_STEP_M)
+        profile = self.plant.surface_at(key.depth * DEPTH_STEP_M, place, self.plant.truth.tilt_rad)
+        region = self._camera.region(profile)
+        if region is None:
+            return None
+        return region, self._camera.render(profile, region=region, light=_gain(key))
+
+
+def _gain(key: PressKey) -> float:
+    return 1.0 + key.light * LIGHT_STEP
+
+
+_GARBLED_BYTES = 64
+
+
+def garbled(jpeg: bytes, source: random.Random) -> bytes:
+    """Return a frame as a bad cable leaves it: bytes overwritten, its end cut off."""
+    damaged = bytearray(jpeg[: source.randrange(len(jpeg) // 2, len(jpeg))])
+    for _ in range(_GARBLED_BYTES):
+        damaged[source.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
+    return bytes(damaged)
+
+
+_COMPOSING_S = 0.006  # left before a frame is due
+_LATENCY_LIMIT = 0.8  # of a frame's period
+_LATE_PERIODS = 4  # this far behind, the schedule is moved instead of caught up with
+
+_logger = logging.getLogger(__name__)
+
+
+class EmulatedCamera:
+    """One camera: its schedule, its faults and its readers."""
+
+    def __init__(
+        self,
+        settings: DeviceSettings,
+        service: Service,
+        factory: FrameFactory,
+        damage: Callable[[bytes, random.Random], bytes],
+        plug_in: Callable[[], FrameServer],
+    ) -> None:
+        self._service, self._factory, self._plug_in = service, factory, plug_in
+        self.server: FrameServer | None = plug_in()
+        self._images = SilentImageFaults()
+        self._line = FaultyLine(settings.config.emulation.seed, damage)
+        self._world = SharedWorld.create(settings.folder / WORLD_FILE)
+        self._renderer = ThreadPoolExecutor(1, thread_name_prefix="renderer")
+        self._rendering: Future[None] | None = None
+        self._period_s = 1.0 / settings.config.camera.rate
+        truth = factory.plant.truth
+        self.latency_s = min(truth.camera_latency_s, _LATENCY_LIMIT * self._period_s)
+        self.start_ns = time.monotonic_ns() + 50_000_000
+
+    def run(self) -> None:
+        """Send frames until the camera's time is over."""
+        number = 0
+        moved_s = 0.0
+        while not self._service.is_over:
+            capture_s = self.start_ns * 1e-9 + moved_s + number * self._period_s
+            behind_s = time.monotonic() - capture_s
+            if behind_s > _LATE_PERIODS * self._period_s:
+                moved_s += behind_s
+                _logger.warning("%.0f ms behind: the schedule is moved", behind_s * 1e3)
+                continue
+            time.sleep(max(0.0, -behind_s))
+            self._frame(capture_s)
+            number += 1
+        self.close()
+
+    def _frame(self, capture_s: float) -> None:
+        due_s = capture_s + self.latency_s
+        # A gel that moves faster than it is rendered is seen late by one rendering, and not still.
+        self._render(self._scene(capture_s), until_s=due_s - _COMPOSING_S)
+        active = {each.kind: each for each in self._service.faults_at(time.monotonic())}
+        self._plug(unplugged=FaultKind.UNPLUG in active)
+        jpeg = self._factory.compose(overexposed=FaultKind.SATURATE in active)
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        if self.server is not None:
+            now_ns = time.monotonic_ns()
+            self._line.put(self._images.frame(jpeg, active.values()), active, due_ns=now_ns)
+            for frame in self._line.due(now_ns):
+                self.server.publish(frame)
+
+    def _render(self, key: PressKey, *, until_s: float) -> None:
+        """Let the renderer work on ``key`` and wait for it; an older request is forgotten."""
+        if self._rendering is not None:
+            self._rendering.cancel()
+        self._rendering = self._renderer.submit(self._factory.prepare, key)
+        for done in wait([self._rendering], max(0.0, until_s - time.monotonic())).done:
+            done.result()
+
+    def _scene(self, capture_s: float) -> PressKey:
+        """Return what to show; the unloaded gel if no arm is known."""
+        plant = self._factory.plant
+        elapsed_s = capture_s - self.start_ns * 1e-9
+        light = round((plant.light_gain(elapsed_s) - 1.0) / LIGHT_STEP)
+        state = self._world.read()
+        if state.sequence == 0:
+            return PressKey(light=light)
+        depth_m = max(0.0, plant.depth(state.pose))
+        x, y = (round(at / PLACE_STEP_M) for at in plant.centre(state.pose))
+        return PressKey(round(depth_m / DEPTH_STEP_M), x, y, light)
+
+    def _plug(self, *, unplugged: bool) -> None:
+        if unplugged and self.server is not None:
+            self.server.close()
+            self.server = None
+        elif not unplugged and self.server is None:
+            self.server = self._plug_in()
+
+    def close(self) -> None:
+        """End the renderer and the server."""
+        self._renderer.shutdown(cancel_futures=True)
+        self._plug(unplugged=True)
+
+
+def _serve(settings: DeviceSettings, service: Service) -> None:
+    cv2.setNumThreads(1)
+    asked, emulation = settings.config.camera, settings.config.emulation
+    name = emulation.video_device
+    encode = encode_jpeg if name is None else encoder_of(name)
+    factory = FrameFactory(plant_of(settings), asked.width, asked.height, encode)
+    keep_time(mostly_sleeps=False)
+    place = settings.host, settings.port
+
+    def listen() -> FrameServer:
+        """Listen; once unplugged, again where it answered before."""
+        nonlocal place
+        server = mjpeg_server(*place)
+        place = settings.host, urlsplit(server.address).port or 0
+        return server
+
+    offer = "" if name is None else description_of(name, width=asked.width, height=asked.height)
+    plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, offer) if offer else listen
+    damage = garbled if encode is encode_jpeg else without_a_packet
+    camera = EmulatedCamera(settings, service, factory, damage, plug_in)
+    service.announce(
+        url=camera.server.address if camera.server else "",
+        first_capture_ns=camera.start_ns,
+        latency_s=camera.latency_s,
+    )
+    camera.run()
+
+
+if __name__ == "__main__":
+    sys.exit(run_device(Device.CAMERA, _serve))
