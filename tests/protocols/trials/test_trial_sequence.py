@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.trials import repeat_attempts, trial_sequence
+from protocols.trials import repeat_attempts
+from protocols.trials import trial_sequence as trials
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Outcome
 
@@ -136,8 +137,6 @@ def test_an_arm_in_the_gel_does_not_go_on(laboratory):
 def test_a_broken_device_says_how_the_run_goes_on():
     """Unless the force sensor is in doubt, or the remedy says it itself."""
     cable = DeviceError("gone", remedy="check the cable")
-    assert (
-        trial_sequence._remedy(cable, doubted=False) == f"check the cable; {trial_sequence._RESUME}"
-    )
-    assert trial_sequence._remedy(cable, doubted=True) == "check the cable"
-    assert trial_sequence._remedy(DeviceError("", remedy="`resume`"), doubted=False) == "`resume`"
+    assert trials._remedy(cable, doubted=False) == f"check the cable; {trials._RESUME}"
+    assert trials._remedy(cable, doubted=True) == "check the cable"
+    assert trials._remedy(DeviceError("", remedy="`resume`"), doubted=False) == "`resume`"

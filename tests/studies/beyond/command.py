@@ -20,7 +20,7 @@ from sim.press_arguments import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Preset, Scene, Target
 from tacauchy_rig.app.cli.studies import study_command
-from tacauchy_rig.core import time_limit_and_progress
+from tacauchy_rig.core import time_limit_and_progress as limits
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RigError, TimeLimitError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
@@ -175,9 +175,7 @@ def _stepped(plan: FloatArray) -> tuple[FloatArray, np.ndarray]:
 @contextmanager
 def _by_processor_time() -> Iterator[None]:
     """Let limits and silences count processor time: a busy computer ends no press early."""
-    with mock.patch.object(
-        time_limit_and_progress, "time", SimpleNamespace(monotonic=time.process_time)
-    ):
+    with mock.patch.object(limits, "time", SimpleNamespace(monotonic=time.process_time)):
         yield
 
 
