@@ -12,7 +12,7 @@ from sim.cheapest_setting import alternatives, setting_of
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import EffectPlan
 from sim.effects.press_outputs import outputs_of
-from sim.effects.press_with_effects import end_state
+from sim.effects.press_with_effects import EndState, end_state, on_own_mesh
 from sim.error_estimate import NOT_ASKED, ErrorEstimate, estimated, guaranteed
 from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.pressure_and_shear import SurfaceTraction, surface_traction
@@ -116,7 +116,6 @@ def press(
     scene: Scene,
     *,
     model: Model | None = None,
-    plan: EffectPlan | None = None,
     device: str = "cpu",
     estimate_error: bool = False,
     keeps_states: bool = False,
@@ -127,7 +126,6 @@ def press(
 
     Args:
         model: Model of the pad; None builds it from the scene.
-        plan: Effects to include; None chooses them.
         device: ``"cpu"``, or a GPU such as ``"cuda:0"``.
         estimate_error: Press again on a coarser mesh to estimate the errors of all outputs.
         keeps_states: Keep all states of the loading path, in ``way``.
@@ -144,33 +142,33 @@ def press(
     telling = told(on_progress) if on_progress else nullcontext()
     with time_limit(time_limit_s), telling, doing("press"):
         started = time.perf_counter()
-        plan = plan or plan_effects(scene)
+        plan = plan_effects(scene)
         end = end_state(scene, plan, model=model, device=device, keeps_all=keeps_states)
-        path, point = end.path, end.point
-        solve_s = path.counts.wall_s
-        wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
-        error, started, found = NOT_ASKED, time.perf_counter(), outputs_of(path, point)
-        if estimate_error:
-            error = estimated(scene, plan, found, way=end.way)
-            wall["estimate"] = time.perf_counter() - started
-        corrected = correction(scene, plan, found, end.way)
         try:
-            result = measure(
-                scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected
-            )
+            result = _judged(scene, plan, end, started=started, asks=estimate_error)
         except ConvergenceError:
-            if end.way is None:
+            if end.way_path is None:
                 raise
             # Load steps on its own mesh may end in a fold that contradicts nothing.
-            own = replace(scene, path_refinement=None)
-            return press(
-                own,
-                plan=plan,
-                device=device,
-                estimate_error=estimate_error,
-                keeps_states=keeps_states,
-            )
-        return replace(result, way=end.way_path or path) if keeps_states else result
+            end = on_own_mesh(scene, plan, end, keeps_all=keeps_states)
+            result = _judged(scene, plan, end, started=started, asks=estimate_error)
+        return replace(result, way=end.way_path or end.path) if keeps_states else result
+
+
+def _judged(
+    scene: Scene, plan: EffectPlan, end: EndState, *, started: float, asks: bool
+) -> PressResult:
+    """Evaluate an end state; errors are estimated where that is asked for."""
+    path, point, solve_s = end.path, end.point, end.path.counts.wall_s
+    wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
+    error, started, found = NOT_ASKED, time.perf_counter(), outputs_of(path, point)
+    if asks:
+        error = estimated(scene, plan, found, way=end.way)
+        wall["estimate"] = time.perf_counter() - started
+    corrected = correction(scene, plan, found, end.way) if end.way_path else None
+    if end.way and not end.way_path:
+        scene = replace(scene, path_refinement=None)
+    return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
 
 
 def measure(

@@ -160,8 +160,8 @@ class Batch:
         )
         self._bias = bias_of(model, self.inverse).of(edged.astype(int))
         if bias is not None:
-            measured = bias.of(which)
-            self._bias = measured._replace(known=measured.known + self._bias.known)
+            left = bias.of(which)
+            self._bias = left._replace(known=left.known + self._bias.known)
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)

@@ -236,9 +236,9 @@ class EndState:
 
     path: LoadingPath  # on the scene's own mesh
     point: PathPoint
-    # Outputs of the load-step mesh at the same depth or force; None if that is the scene's own mesh
+    # Outputs of another mesh at the same depth or force; None if there was none
     way: PressOutputs | None = None
-    # Path on the load-step mesh, with all states if they are kept; None likewise
+    # Path on the load-step mesh, with all states if they are kept; None if that is the scene's own
     way_path: LoadingPath | None = None
 
 
@@ -297,6 +297,17 @@ def end_state(
     path.counts.newton_iterations += coarse.counts.newton_iterations
     path.counts.wall_s += coarse.counts.wall_s
     return EndState(path=path, point=point, way=outputs_of(coarse, last), way_path=coarse)
+
+
+def on_own_mesh(scene: Scene, plan: EffectPlan, end: EndState, *, keeps_all: bool) -> EndState:
+    """Take a scene's indenter to its end again, as roughly as on the way, on the end's own mesh.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+    """
+    own = way_of(replace(scene, path_refinement=None))
+    path = path_for(own, plan, model=end.path.model, keeps_all=keeps_all)
+    return EndState(path=path, point=follow(own, path), way=end.way)
 
 
 def carried_over(
