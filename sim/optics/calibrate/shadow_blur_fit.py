@@ -369,15 +369,14 @@ def calibrate_presses(
     """
     if shadows is None:
         found = calibrate_optics(presses, scene)
-        found = with_blur(found.placed(presses), found) if blurred else found
+        if blurred:
+            found = with_blur(found.placed(presses), found, turns=_BLUR_TURNS)
     else:
         found = calibrate_with_shadows(presses, scene, shadows)
     return with_motion(presses, found)
 
 
-def with_blur(
-    placed: Sequence[PlacedPress], found: Calibration, *, turns: int = _BLUR_TURNS
-) -> Calibration:
+def with_blur(placed: Sequence[PlacedPress], found: Calibration, *, turns: int) -> Calibration:
     """Return a calibration with the camera's blur, and colours fitted to the gel as it shows it.
 
     Presses are without shadows. The search starts at the blur that is known. Each turn makes up a
@@ -421,14 +420,13 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]
-        known = ((near & press.shown[window])[..., None] & exposed(image)).astype(np.float32)
+        known = (near & press.shown[window])[..., None] & exposed(image)
         rows, columns = rows.ravel(), columns.ravel()
         seen = image - scene.expected(rows, columns, each.light).reshape(image.shape)
-        seen = seen.astype(np.float32)
         pixels = PredictedPixels(scene, found.model, columns, rows)
         sharp = pixels.predict(circle).reshape(seen.shape)
         blurs = [cv2.GaussianBlur(sharp, (0, 0), s) if s > 0.0 else sharp for s in _TRIED_PX]
-        misfit += [float(np.vdot(np.abs(seen - blurred), known)) for blurred in blurs]
+        misfit += [np.abs(seen - blurred)[known].sum() for blurred in blurs]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
     return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)
