@@ -22,7 +22,7 @@ from sim.effects.rim_rounding import regularised_indenter
 from sim.mesh.elements import EDGES
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
-from sim.solve.equilibrium import SolverOptions, rough_reuse
+from sim.solve.equilibrium import EXTENSIONS, SolverOptions, rough_reuse
 from sim.solve.force_search import find_force
 from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath
@@ -323,7 +323,8 @@ def carried_over(
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
     moved[path.model.clamped] = 0.0
     state.positions = path.unloaded + moved
-    state.extension = last.state.extension
+    if last.state.extension < EXTENSIONS[0]:  # a wider barrier would not do here either
+        state.extension = last.state.extension
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     load_n = scene.target.force_n
     return path.resume(state, load_n=load_n, stiffness_n_m=last.stiffness_n_m)
