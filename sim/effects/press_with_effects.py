@@ -20,9 +20,9 @@ from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import build_model
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.mesh.elements import EDGES
-from sim.scene.indenter import tilted
+from sim.scene.indenter import MeshIndenter, tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
-from sim.solve.equilibrium import SolverOptions, rough_reuse
+from sim.solve.equilibrium import EXTENSIONS, SolverOptions, rough_reuse
 from sim.solve.force_search import find_force
 from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath
@@ -36,8 +36,6 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
-# After so many steps of such a press a shorter load step, or another mesh, is tried instead.
-_ITERATIONS_MAX = 250
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: F_z of 39
@@ -122,8 +120,7 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    most = _ITERATIONS_MAX
-    return SolverOptions(residual_relative=share, load_relative=share, iteration_max=most)
+    return SolverOptions(residual_relative=share, load_relative=share)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -323,7 +320,9 @@ def carried_over(
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
     moved[path.model.clamped] = 0.0
     state.positions = path.unloaded + moved
-    state.extension = last.state.extension
+    # Where a wider barrier would not do here either; under cylinders it often does.
+    if isinstance(scene.indenter, MeshIndenter) or last.state.extension < EXTENSIONS[0]:
+        state.extension = last.state.extension
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     load_n = scene.target.force_n
     return path.resume(state, load_n=load_n, stiffness_n_m=last.stiffness_n_m)
