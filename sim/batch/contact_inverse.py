@@ -77,7 +77,7 @@ class ContactInverse:
         asked = middles[np.linspace(0, len(middles) - 1, _ASKED).astype(np.intp)]
         self._rest.need(asked)
         across = len(self._rest.compliance) + 1
-        along_z = self._rest.compliance.reshape(-1)[2 * across :: 3 * across].numpy()
+        along_z = self._rest.compliance.reshape(-1)[2 * across :: 3 * across].contiguous().numpy()
         return float(np.median(along_z[asked]))
 
     def serve(self, descents: Descents) -> None:
