@@ -51,9 +51,13 @@ class Calibration:
 
 
 def calibrate_optics(
-    presses: Sequence[BallPress], scene: PressScene, start: Calibration | None = None
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    start: Calibration | None = None,
+    *,
+    rounds: int = _ROUNDS,
 ) -> Calibration:
-    """Fit model, circles, light and no-contact frame by turns, or once more from a ``start``.
+    """Fit model, circles, light and no-contact frame by turns, or further from a ``start``.
 
     Raises:
         ConfigError: There is no press, or one has another size than the no-contact frame.
@@ -68,10 +72,10 @@ def calibrate_optics(
             )
             for press in presses
         ]
-        averaged, rounds = scene, _ROUNDS
+        averaged = scene
         model = fit_model(placed, scene)
     else:
-        placed, averaged, rounds = start.placed(presses), start.scene, 1
+        placed, averaged = start.placed(presses), start.scene
         model = fit_model(placed, averaged, start.model, settled=True)
     for turn in range(rounds):
         for i, each in enumerate(placed):

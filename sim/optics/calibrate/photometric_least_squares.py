@@ -53,8 +53,7 @@ class PhotometricSamples:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
         (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
         shown = self._seen(lambda at: monomials(at[:2], self.position, at[2], shapes))
-        tilt, indentation_m = self.surface[0, :2], self.surface[0, 2]
-        at_places = monomials(tilt, self.position, indentation_m, places)
+        at_places = monomials(self.surface[0, :2], self.position, self.surface[0, 2], places)
         return shown[shape_of] * at_places[place_of]
 
     def shading(self, terms: ShadingTerms | None) -> FloatArray:
@@ -102,10 +101,9 @@ class NormalEquations:
         """Sum up samples whose colours are to be linear in features, shape [n, sample_count]."""
         seen = samples.change * samples.weights
         known = [features * weight for weight in samples.weights]
-        pairs = zip(known, seen, strict=True)
         return cls(
             normal=np.stack([each @ each.T for each in known]).astype(np.float64),
-            load=np.stack([each @ light for each, light in pairs]).astype(np.float64),
+            load=np.stack([k @ s for k, s in zip(known, seen, strict=True)]).astype(np.float64),
             squares=float(np.sum(seen**2, dtype=np.float64)),
             sample_count=samples.change.shape[1],
             known_count=int(np.count_nonzero(samples.weights)),
@@ -181,7 +179,6 @@ def fit_photometric(
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
     chosen = fit_ridge(parts, held) if ridge is None else ridge
     coefficients = total.solved(chosen * held).T
-    provenance = {"press_count": len(presses), "pixel_count": count, "ridge": chosen}
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -191,7 +188,7 @@ def fit_photometric(
         indentation_limit_m=max(float(press.surface[0, 2].max()) for press in presses),
         response=response,
         reference=reference,
-        provenance=provenance,
+        provenance={"press_count": len(presses), "pixel_count": count, "ridge": chosen},
     )
 
 

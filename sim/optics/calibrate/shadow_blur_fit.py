@@ -38,6 +38,7 @@ _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
+_BEFORE = 2  # rounds of colours and circles before shadows, which bring one more each
 # In turn: of azimuth [rad] and of the logarithms of elevation, distance, a quarter of the spread
 _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
@@ -137,13 +138,14 @@ def calibrate_with_shadows(
     The search starts at the lamps of the sensor's file, or at others all around the gel where those
     explain more.
     """
-    found = calibrate_optics(presses, scene)
+    found = calibrate_optics(presses, scene, rounds=_BEFORE)
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
     for steps in _ROUNDS:
         shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
-        known = replace(calibrate_optics(lit, scene, found), shadows=shadows, blur_px=found.blur_px)
+        known = calibrate_optics(lit, scene, found, rounds=1)
+        known = replace(known, shadows=shadows, blur_px=found.blur_px)
         found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
     return found
 
@@ -158,13 +160,9 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
         pressed = PressSamples(scene, each, blur_px=found.blur_px)
         seen.append(pressed.through(model.response, model))
         gel = scene.pressed_image(each.circle).astype(np.float32)[None]
-        shares = (
-            _blurred(
-                lost_share(gel[:, 2], gel[:, :2], lamp, shadows, scene.geometry)[0], found.blur_px
-            )
-            for lamp in shadows.lamps
-        )
-        lost = np.stack([-share[pressed.rows, pressed.columns] for share in shares])
+        dent, at = (gel[:, 2], gel[:, :2]), (pressed.rows, pressed.columns)
+        shares = (lost_share(*dent, lamp, shadows, scene.geometry)[0] for lamp in shadows.lamps)
+        lost = np.stack([-_blurred(share, found.blur_px)[at] for share in shares])
         slopes = seen[-1].polynomial(scene.exponents), seen[-1].shading(model.terms)
         features.append(np.concatenate([*slopes, lost]))
     together = fit_photometric(
@@ -408,8 +406,7 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     its contact ends. The model, fitted to the same images, takes up a part of a blur, and blur a
     part of the model's error: this is what makes renderings agree best, no measurement of a lens.
     """
-    misfit = np.zeros(len(_TRIED_PX))
-    scene = found.scene
+    misfit, scene = np.zeros(len(_TRIED_PX)), found.scene
     for each in placed:
         press, circle = each.press, each.circle
         reach = _REACH * circle.radius_px + _MARGIN_PX
