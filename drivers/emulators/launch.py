@@ -18,7 +18,6 @@ from drivers.emulators.process import DeviceSettings, EmulatedProcess, post_faul
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import Vector3
 
 logger = logging.getLogger(__name__)
 
@@ -114,7 +113,7 @@ class Emulation:
                 self._launch("pose_follower", "shared_world", self.config, host=self.follow_host)
             for device in Device:
                 if device in self.devices:
-                    self._start(device)
+                    self.start_device(device)
             ready = {name: process.wait_ready() for name, process in self.processes.items()}
             if asked.video_device is not None and Device.CAMERA in self.devices:
                 # Processes that are started from now on see the device.
@@ -144,27 +143,14 @@ class Emulation:
         self.running = self.config.model_copy(update=changes)
         return self.running
 
-    def restart(self, device: Device, *, tip: Vector3 | None = None) -> None:
-        """End one device and start it anew, without its faults, where it answered before.
-
-        Args:
-            tip: Where the arm is found then [m]; at home if None.
-        """
-        self.processes[device.value].stop()
-        self._start(device, tip=tip)
-        self.processes[device.value].wait_ready()
-
-    def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
-        config = self.config
-        if tip is not None:
-            robot = config.robot.model_copy(update={"home": tip})
-            config = config.model_copy(update={"robot": robot})
+    def start_device(self, device: Device) -> None:
+        """Start one device as ``config`` says, where it answered before if it did."""
         module, host, port = {
             Device.ROBOT: ("arm.controller", self._robot_host, 0),
             Device.FORCE_SENSOR: ("force_sensor.m8128_box_and_noise", "", 0),
             Device.CAMERA: ("camera.frames_and_noise", self.camera_host, self.camera_port),
         }[device]
-        self._launch(device, module, config, host=host, port=port)
+        self._launch(device, module, self.config, host=host, port=port)
 
     def _launch(
         self, name: str, module: str, config: RigConfig, *, host: str, port: int = 0

@@ -81,11 +81,19 @@ class EmulatedRig:
         The arm stays where the fault has left it.
         """
         if cause is not None and cause.device is not Device.ROBOT:
-            self.devices.restart(cause.device)
+            self._exchange(cause.device)
         elif cause is not None and cause.kind not in _PERSON_AT_THE_PENDANT:
-            self.devices.restart(Device.ROBOT, tip=self.arm_trace()[-1].position)
+            robot = self.config.robot.model_copy(update={"home": self.arm_trace()[-1].position})
+            self.devices.config = self.config.model_copy(update={"robot": robot})
+            self._exchange(Device.ROBOT)
         for command in _PERSON_AT_THE_PENDANT.values():
             self._tell_dashboard(command)
+
+    def _exchange(self, device: Device) -> None:
+        """End a device and start it anew, without its faults."""
+        self.devices.processes[device.value].stop()
+        self.devices.start_device(device)
+        self.devices.processes[device.value].wait_ready()
 
     def arm_trace(self) -> list[TraceRow]:
         """Return what the emulated arm truly did so far."""
