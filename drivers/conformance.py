@@ -202,7 +202,8 @@ def _stream(device: StreamingDevice[SampleT], rate_hz: float) -> list[SampleT]:
     )
     _require(abs(health.rate_hz / rate_hz - 1.0) < RATE_TOLERANCE, "health tells the rate")
     _require(health.received_count >= len(samples), "health counts what arrived")
-    _require(health.age_s < FRESH_S, "health tells the age of the newest sample")
+    _require(0.0 <= health.age_s < FRESH_S, "samples are stamped by time.monotonic_ns()")
+    _require(health.repeat_count < 0.5 * wanted, "samples of other values have other fingerprints")
     counters = [sample.counter for sample in samples]
     stamps = [sample.stamp_ns for sample in samples]
     _require(counters == sorted(set(counters)), "counters rise, and no sample comes twice")

@@ -91,8 +91,9 @@ class StreamGuard:
     ) -> None:
         name = f"limits.stale_{stream}"
         limit_s: float = getattr(self._limits, f"stale_{stream}")
-        disturbed = self._undisturbed_s < limit_s and age_s <= PATIENCE * limit_s
-        if age_s > limit_s and not disturbed:
+        apart_s = abs(age_s)  # a sample from the future was stamped by another clock
+        disturbed = self._undisturbed_s < limit_s and apart_s <= PATIENCE * limit_s
+        if apart_s > limit_s and not disturbed:
             text = f"{name} {limit_s * 1e3:g} ms: {finding.format(age_s * 1e3)}"
             if self.held_up_s > 0.0:
                 text += f" (this computer was held up for {self.held_up_s * 1e3:.0f} ms, "

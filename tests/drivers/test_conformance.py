@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,21 @@ def test_a_broken_promise_is_named() -> None:
     (check,) = (check for check in ARM_CHECKS if "until_stopped" in check.__name__)
     with pytest.raises(NotConformingError, match="rests after stop"):
         check(lambda: Unfed.from_config(config))
+
+
+@pytest.mark.parametrize(
+    ("changes", "promise"),
+    [({"age_s": -1.8e9}, "monotonic"), ({"repeat_count": 99}, "fingerprints")],
+)
+def test_another_clock_or_a_constant_fingerprint_is_found_out(changes, promise, monkeypatch):
+    """Either would hide a force sensor that fails while it measures."""
+    config, told = load_config().config, MockForceSensor.health
+    monkeypatch.setattr(MockForceSensor, "health", lambda self: replace(told(self), **changes))
+    with pytest.raises(NotConformingError, match=promise):
+        force_sensor_streams(
+            lambda: MockForceSensor.from_config(config, MockArm.from_config(config)),
+            rate_hz=config.force_sensor.rate,
+        )
 
 
 def test_emulated_devices_are_the_real_drivers():
