@@ -29,7 +29,13 @@ from sim.device import Device, filled
 from sim.fields.saved_press import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 from sim.optics.height import slope_kernel as kernels
-from sim.optics.height.pixel_height_kernel import BARE_M, View, bound_heights, draw_facets
+from sim.optics.height.pixel_height_kernel import (
+    BARE_M,
+    View,
+    bound_heights,
+    draw_facets,
+    note_nearest_rows,
+)
 from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -154,7 +160,7 @@ class SurfaceHeights:
         gel, (rows, columns) = self._gel, self._size
         nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
         drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
-        others = {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
+        others = {"steep": (count, len(gel.faces)), "rest": (pixels,)}
         self._canvas = self._device.zeroed(kernels.Canvas, (count, nodes), **drawn, **others)
         empty = self._device.empty
         self._no_dent: Any = empty((0, 0, 0), wp.float32)
@@ -236,7 +242,6 @@ class SurfaceHeights:
             launch(kernels.fit_slopes, (count, len(gel.sources)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
-        canvas.covered.zero_()
         faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
         whole = _GPU_LANES if self._device.is_gpu else 1
         for first, end, lanes in (0, faces, whole), (faces, parts, 1):
@@ -244,6 +249,8 @@ class SurfaceHeights:
             launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
+        columns = (count, self._size[1])
+        self._device.launch(note_nearest_rows, columns, [self._view], [self._canvas])
         inputs = [self._gel, self._view, self._body, poses, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
 

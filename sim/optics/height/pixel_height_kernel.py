@@ -175,34 +175,60 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
         if wp.min(wp.min(place[0], place[1]), place[2]) >= -_EDGE_TOLERANCE:
             pixel = row * view.columns + column
             wp.atomic_min(canvas.heights, env, pixel, wp.max(_height_on(patches, place), floor))
-            canvas.covered[env] = wp.uint8(1)
             if touching == 3:
                 canvas.pressed[env, pixel] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def note_nearest_rows(view: View, canvas: Canvas):
+    """Add to bare pixels twice the rows to the nearest covered one of their column, odd if below.
+
+    Nothing is added where the whole column is bare.
+    """
+    env, column = wp.tid()
+    bare, above = wp.int32(0), wp.int32(-1)
+    for row in range(view.rows):
+        pixel = row * view.columns + column
+        if canvas.heights[env, pixel] < BARE_M:
+            above = row
+        else:
+            bare += 1
+            if above >= 0:
+                canvas.heights[env, pixel] = BARE_M + wp.float64(2 * (row - above))
+    below = wp.int32(-1)
+    for turn in range(wp.where(bare > 0, view.rows, 0)):
+        row = view.rows - 1 - turn
+        pixel = row * view.columns + column
+        noted = canvas.heights[env, pixel]
+        if noted < BARE_M:
+            below = row
+        elif below >= 0:
+            rows = wp.float64(2 * (below - row))
+            if noted == BARE_M or BARE_M + rows < noted:
+                canvas.heights[env, pixel] = BARE_M + rows + wp.float64(1.0)
 
 
 @wp.func
 def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int):
     """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
     height = wp.float64(wp.nan)
-    if canvas.covered[env] == wp.uint8(0):
-        return height
     best = view.columns * view.columns + view.rows * view.rows
     for aside in range(view.columns):
         if aside * aside >= best:
             break
         for side in range(2):
             there = column + (2 * side - 1) * aside
-            for off in range(view.rows):
+            if there >= 0 and there < view.columns:
+                seen = canvas.heights[env, row * view.columns + there]
+                noted = wp.int32(0)
+                if seen >= BARE_M:
+                    noted = wp.int32(seen - BARE_M)
+                off = noted / 2
                 apart = aside * aside + off * off
-                if there < 0 or there >= view.columns or apart >= best:
-                    break
-                for way in range(2):
-                    found = row + (2 * way - 1) * off
-                    if found >= 0 and found < view.rows and apart < best:
-                        seen = canvas.heights[env, found * view.columns + there]
-                        if seen < BARE_M:
-                            best = apart
-                            height = seen
+                if seen != BARE_M and apart < best:
+                    best = apart
+                    found = row + wp.where(noted % 2 == 1, off, -off)
+                    height = canvas.heights[env, found * view.columns + there]
     return height
 
 

@@ -157,7 +157,6 @@ class Canvas:
     heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
     # 1 for a pixel of a facet that touches with all its corners
     pressed: wp.array2d(dtype=wp.uint8)
-    covered: wp.array(dtype=wp.uint8)  # 1 where a pixel is covered
     # Height of the unloaded surface by pixel [m]; of no environment
     rest: wp.array(dtype=wp.float64)
 
