@@ -161,18 +161,19 @@ def test_with_a_coarse_arm_the_curve_finds_a_third_or_less(factor):
             assert true_n + OVERRUN_N <= 1.5 * target_n + 0.5
 
 
-def test_what_a_coarse_arm_and_the_curve_leave_unseen_is_stated():
-    """CB3, half the force, in a gel 20 % stiffer than stated: docs/explanation/witness.md."""
-    cell, model = lambda force_n: 0.5 * force_n, RobotModel.CB3
-    reached = [
-        true_force_when_found(cell, target_n, stiffness=1.2, model=model) for target_n in TARGETS_N
-    ]
-    assert not reached[0][1]
-    assert reached[0][0] == pytest.approx(2.0 * TARGETS_N[0], rel=0.02)
-    assert reached[-1][1]
-    assert max(true_n for true_n, _ in reached) < 7.0
-    # In the stated gel the band is narrower than a factor of two.
-    assert true_force_when_found(cell, TARGETS_N[-1], stiffness=1.0, model=model)[1]
+@pytest.mark.parametrize(
+    ("model", "arm_error_n", "read"),
+    [(RobotModel.E_SERIES, -0.3, 0.55), (RobotModel.CB3, 0.0, 0.45)],
+)
+def test_what_the_first_press_misses_is_stated(model, arm_error_n, read):
+    """The least target misses most; 5 % less is found: docs/explanation/witness.md."""
+
+    def is_missed(share, stiffness):
+        press = {"stiffness": stiffness, "model": model, "arm_error_n": arm_error_n}
+        return not true_force_when_found(lambda force_n: share * force_n, TARGETS_N[0], **press)[1]
+
+    assert is_missed(read, 1.2)
+    assert not any(is_missed(read - 0.05, stiffness) for stiffness in (0.8, 1.0, 1.2))
 
 
 @pytest.mark.parametrize("stiffness", [0.8, 1.0, 1.2])

@@ -439,10 +439,6 @@ class RunCheck:
         """Yield a line for each criterion that is not met: where, which, what, and what to do."""
         return (f"{where}{_line(criterion)}" for where, criterion in self._missed())
 
-    def missed_names(self) -> tuple[str, ...]:
-        """Return the names of the criteria that are not met, each once."""
-        return tuple(dict.fromkeys(criterion.name for _, criterion in self._missed()))
-
     def _missed(self) -> Iterator[tuple[str, Criterion]]:
         places = [("", self.run)]
         places += [(f"trial {t}, attempt {a}: ", each) for (t, a), each in self.attempts.items()]
