@@ -12,7 +12,6 @@ from protocols.guard.force_witness_and_band import (
     CREEP_SHARE,
     DEEPEST_SHARE,
     TOLERANCE,
-    WINDOW_S,
     ArmEstimate,
     PressBand,
     Stage,
@@ -20,6 +19,7 @@ from protocols.guard.force_witness_and_band import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RobotModel
+from tacauchy_rig.core.force_sensor_gain import ARM_ACCURACY, ARM_WINDOW_S, ARM_ZERO_S
 from tacauchy_rig.core.run import ExpectedPress
 from tests.protocols.conftest import arm_state
 
@@ -284,10 +284,13 @@ def test_the_force_is_a_mean_less_the_zero(sign):
 def test_the_tolerance_holds_five_deviations_of_what_an_arm_does(model):
     """Noise of a mean, friction that turns round, gain, and two deviations of a trial's drift."""
     coarse, tolerance = COARSENESS[model], TOLERANCE[model]
-    noise_n = coarse.noise_n * math.sqrt(2.0 * coarse.noise_time_s / WINDOW_S)
+    noise_n = coarse.noise_n * math.sqrt(2.0 * coarse.noise_time_s / ARM_WINDOW_S)
     assert tolerance.share >= 5.0 * coarse.gain_ratio
     drift_n = coarse.drift_n_s * TRIAL_S
     assert tolerance.force_n >= 5.0 * math.hypot(noise_n, drift_n) + 2.0 * coarse.friction_n
+    # Of a dwell of 1.2 s and of its zero, to the judgement of the run.
+    scatter_n = noise_n * math.sqrt(ARM_WINDOW_S / 1.2 + ARM_WINDOW_S / ARM_ZERO_S)
+    assert ARM_ACCURACY[model].scatter_n >= scatter_n
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -302,7 +305,7 @@ def test_an_e_series_arm_stays_within_its_tolerance(seed):
         if number * period_s == 1.0:
             watched.zero()
             force_n = 5.0
-        if number * period_s > 1.0 + WINDOW_S:
+        if number * period_s > 1.0 + ARM_WINDOW_S:
             assert abs(watched.force_n - force_n) < watched.tolerance.of(force_n)
 
 
