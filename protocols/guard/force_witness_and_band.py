@@ -19,7 +19,7 @@ import numpy as np
 from protocols.guard.breach_reaction import BreachError, Reaction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.settings import RigConfig, RobotModel
-from tacauchy_rig.core.force_sensor_gain import CREEP_SHARE
+from tacauchy_rig.core.force_sensor_gain import ARM_WINDOW_S, ARM_ZERO_S, CREEP_SHARE
 from tacauchy_rig.core.run import FZ, ArmSample, ExpectedPress
 
 AVERAGED_S = 0.05
@@ -69,7 +69,7 @@ class Witness:
         self._zero_error_n = protocol.drift
         rate_hz = config.force_sensor.rate
         self._forces: deque[float] = deque(maxlen=max(1, round(AVERAGED_S * rate_hz)))
-        self._slow: deque[float] = deque(maxlen=max(1, round(WINDOW_S * rate_hz)))
+        self._slow: deque[float] = deque(maxlen=max(1, round(ARM_WINDOW_S * rate_hz)))
         self._contact_z_m = self._depth_m = 0.0
         self.points: list[tuple[float, float]] = []
         self._earlier: list[tuple[float, float]] = []
@@ -262,7 +262,6 @@ class Witness:
         return {"arm": arm if self._arm.has_estimate else "none", "gel_curve": gel}
 
 
-WINDOW_S = 0.2
 WORST_SHARE, WORST_N = 1.5, 0.5
 """Of the target [1], and more [N]: what a gel may feel at most when the force sensor is wrong."""
 
@@ -300,45 +299,43 @@ TOLERANCE = {
 class ArmEstimate:
     """The arm's own estimate of the pressing force: coarse, but another's.
 
-    It is a mean over ``WINDOW_S``, and only a difference from what the arm felt before the search
-    began, in the same posture. ``sign`` is -1 where the controller counts a push as negative.
+    It is a mean over ``ARM_WINDOW_S``, and only a difference from what the arm felt in the same
+    posture before the search began, over ``ARM_ZERO_S``. ``sign`` is -1 where the controller counts
+    a push as negative.
     """
 
     def __init__(self, model: RobotModel, *, sign: int = 1) -> None:
         self.tolerance = TOLERANCE[model]
         self._sign = sign
-        self._stamps_ns: deque[int] = deque()
-        self._forces_n: deque[float] = deque()
+        self._felt: deque[tuple[int, float]] = deque()  # stamps [ns] and forces [N]
         self._zero_n: float | None = None
 
     def take(self, states: Iterable[ArmSample]) -> None:
         """Take new states; those without an estimate say nothing."""
         for state in states:
             if state.tcp_force is not None:
-                self._stamps_ns.append(state.stamp_ns)
-                self._forces_n.append(self._sign * state.tcp_force[FZ])
-        stamps_ns = self._stamps_ns
-        while stamps_ns and stamps_ns[-1] - stamps_ns[0] > WINDOW_S * 1e9:
-            stamps_ns.popleft()
-            self._forces_n.popleft()
+                self._felt.append((state.stamp_ns, self._sign * state.tcp_force[FZ]))
+        while self._felt and self._felt[-1][0] - self._felt[0][0] > ARM_ZERO_S * 1e9:
+            self._felt.popleft()
 
     def zero(self) -> None:
         """Make what is felt now the zero: nothing touches."""
-        self._zero_n = self._mean()
+        self._zero_n = self._mean(ARM_ZERO_S)
 
     @property
     def has_estimate(self) -> bool:
         """True once the arm has told one."""
-        return bool(self._forces_n)
+        return bool(self._felt)
 
     @property
     def force_n(self) -> float | None:
         """Pressing force as the arm feels it [N]; None without an estimate or a zero."""
-        mean_n = self._mean()
+        mean_n = self._mean(ARM_WINDOW_S)
         return None if mean_n is None or self._zero_n is None else mean_n - self._zero_n
 
-    def _mean(self) -> float | None:
-        return sum(self._forces_n) / len(self._forces_n) if self._forces_n else None
+    def _mean(self, window_s: float) -> float | None:
+        near_n = [n for ns, n in self._felt if self._felt[-1][0] - ns <= window_s * 1e9]
+        return sum(near_n) / len(near_n) if near_n else None
 
 
 DEEPEST_SHARE = 0.5

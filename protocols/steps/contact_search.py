@@ -11,11 +11,10 @@ from protocols.steps.arm_moves import come_to_rest, downward
 from protocols.steps.tare_and_force_window import listen
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO
+from tacauchy_rig.core.force_sensor_gain import ARM_ZERO_S
 
 AVERAGED_SAMPLES = 3
 BACK_OFF_M = 0.00015
-STILL_S = 0.3
-"""Stand still above the gel for the arm's own zero."""
 
 
 def search_contact(cycle: Cycle) -> float:
@@ -24,7 +23,7 @@ def search_contact(cycle: Cycle) -> float:
     The height is where the averaged force passes ``protocol.contact_force``, so it lies below the
     free surface by that force over the gel's stiffness.
     """
-    listen(cycle, STILL_S)
+    listen(cycle, ARM_ZERO_S)
     cycle.force_guard.contact = Contact.EXPECTED
     cycle.witness.begin_search()
     speed = cycle.config.robot.search_speed

@@ -64,7 +64,7 @@ class Renderer:
 class SensorOptics:
     """How a sensor turns its gel's surface into an image."""
 
-    kind: str
+    table: Mapping[str, Any]  # ``[optics]`` as the file has it, with what it takes from another
     renderer: Renderer
     lamps: tuple[Lamp, ...]
     shadows: ShadowCaster | None
@@ -93,7 +93,7 @@ def parse_optics(data: dict[str, Any], origin: str) -> SensorOptics:
             )
         shadows = _shadows(table, lamps)
     model = renderer.read(table, lamps, origin)
-    return SensorOptics(kind=kind, renderer=renderer, lamps=lamps, shadows=shadows, model=model)
+    return SensorOptics(table=table, renderer=renderer, lamps=lamps, shadows=shadows, model=model)
 
 
 def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...]) -> ShadowCaster | None:

@@ -33,6 +33,10 @@ WEIGH_REMEDY = (
     "hang a known weight on the force sensor: `tacauchy-rig resume RUN --check-weight 200g` checks "
     "it and presses again what it measured"
 )
+ARM_WINDOW_S = 0.2
+"""Of a mean of the arm's estimate that is compared at once."""
+ARM_ZERO_S = 0.9
+"""Of the mean that is its zero: the noise of a zero is in all that is felt until the next."""
 DEVIATIONS = 3.0
 """Standard deviations beyond the tolerance ``SCALE_SHARE`` at which a gain is called wrong."""
 COVERAGE = 2.0

@@ -69,8 +69,8 @@ def exponents_for(sensor: Sensor) -> IntArray:
     exponents = sensor.optics.renderer.exponents
     if exponents is None:
         raise ConfigError(
-            f"sensor {sensor.name}: images of optics.kind {sensor.optics.kind} cannot be "
-            "calibrated",
+            f"sensor {sensor.name}: images of optics.kind {sensor.optics.table['kind']} "
+            "cannot be calibrated",
             remedy="leave the calibration out, or give this renderer the terms that are fitted",
         )
     grazed = exponents is BALL_EXPONENTS and sensor.optics.shadows is not None

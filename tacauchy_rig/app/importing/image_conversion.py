@@ -22,6 +22,8 @@ from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb, encode_png
 
 _KINDS = ("JPEG", "PNG")
 _MODES = ("RGB", "L")
+_PNG_BITS = 24
+"""Where a PNG states the bits of a channel; of 16 Pillow takes the upper 8."""
 _ORIENTATION = 0x0112
 """EXIF's tag of how a viewer is to turn an image."""
 _AS_STORED = 1
@@ -62,9 +64,11 @@ def opened(data: bytes, *, name: str) -> tuple[Size, int]:
                     "pixels are read",
                     remedy="scale it down, or leave it out",
                 )
-            if image.mode not in _MODES:
+            bits = data[_PNG_BITS] if image.format == "PNG" else 8
+            if image.mode not in _MODES or bits > 8:
                 raise RecordError(
-                    f"image {name}: of the kind {image.mode}; 8 bits of colour or grey are read",
+                    f"image {name}: of the kind {image.mode} of {bits} bits; 8 bits of colour or "
+                    "grey are read",
                     remedy="convert it to RGB with 8 bits a channel",
                 )
             if image.format == "PNG":
@@ -118,13 +122,19 @@ class Converter:
     pairs: list[tuple[ImageArray, ImageArray]] = field(default_factory=list)
 
     def check_colours(self, problems: Problems) -> None:
-        """Note images whose channels are in another order than those of the gel at rest."""
+        """Note images with channels in another order than at rest, and images of two presses."""
         if swapped := exchanged_channels(self.pairs):
             problems.add(
                 f"images pressed are {swapped[0]:.1f} grey levels from those at rest; with red and "
                 f"blue exchanged {swapped[1]:.1f}",
                 remedy="write both in one order of channels; images.colour_order is of all",
             )
+        pressed = [image.tobytes() for image, _ in self.pairs]
+        if again := len(pressed) - len(set(pressed)):
+            self.notes[
+                f"{again} of {len(pressed)} presses have the same image as an earlier one: check "
+                "that the camera did not stand still."
+            ] = None
 
     def compare(self, data: bytes, rest: bytes) -> None:
         """Keep an image of a press and its image at rest for ``check_colours``."""

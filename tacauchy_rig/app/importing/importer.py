@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, field_validator
 
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, describe
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.image_conversion import Converter, Images
@@ -19,6 +19,7 @@ from tacauchy_rig.app.importing.plausibility import check_presses
 from tacauchy_rig.app.importing.press_detection import Press, Recorded
 from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
+from tacauchy_rig.app.replay.simulator_inputs import indenter_of
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import (
     LoadedConfig,
@@ -103,6 +104,27 @@ def write_presses(
     except (RigError, OSError):
         shutil.rmtree(store.paths.root, ignore_errors=True)
         raise
+
+
+def _lacking(presses: Sequence[Press]) -> Iterator[str]:
+    """Yield what is known of no press, or not of all."""
+    for what, names in (
+        ("force", [p.name for p in presses if p.held is None]),
+        ("depth", [p.name for p in presses if p.measured_depth_m is None]),
+        ("position", [p.name for p in presses if p.place_m is None and p.contact_px is None]),
+    ):
+        some = f"{len(names)} of {len(presses)} presses ({', '.join(names)})"
+        if names:
+            yield f"The {what} of {'a press' if len(names) == len(presses) else some} is not known."
+
+
+def _assumed(rig: LoadedConfig, presses: Sequence[Press]) -> Iterator[str]:
+    """Yield what the built-in settings stand in for."""
+    told = "The {} is not known: {} is assumed (rig.{})."
+    if "sensor.name" not in rig.written:
+        yield told.format("sensor", rig.config.sensor.name, "sensor.name")
+    if rig.config.replay.indenter is None and not all(press.indenter for press in presses):
+        yield told.format("indenter", describe(indenter_of(rig.config)), "replay.indenter")
 
 
 def check_counts(recorded: Recorded) -> None:
@@ -373,6 +395,12 @@ def import_run(
         versions=versions(),
     )
     converter = Converter(how=spec.images, camera=sensor.camera)
+    unknown_ones = (
+        *recorded.unknown,
+        *_lacking(recorded.presses),
+        *_assumed(rig, recorded.presses),
+    )
+    recorded = replace(recorded, unknown=unknown_ones)
     write_presses(store, recorded, source, converter, kind=spec.kind.value)
     return store
 

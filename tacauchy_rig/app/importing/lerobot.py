@@ -93,13 +93,10 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
     for episode in episodes:
         with source.problems.noting():
             presses += _presses(source, data, info, image, episode)
-    unknown = ["The delays of force and images are not known."]
-    unknown += ["The depth is not known."] * (data.pose is None)
-    unknown.append("The position of a press on the pad is not known.")
     return Recorded(
         presses=tuple(presses),
         has_clock=True,
-        unknown=tuple(unknown),
+        unknown=("The delays of force and images are not known.",),
         notes=(_FOUND.format(presses=len(presses), episodes=len(episodes)),),
         contact_force_n=data.presses.contact_force,
         name="lerobot",

@@ -108,15 +108,10 @@ def read_bag(source: Source, data: BagData) -> Recorded:
     apart_s = float(np.median(frames_late_ns) - np.median(force_late_ns)) / S
     frames, clock = _aligned(force, frames, found, apart_s, notes)
     presses = cut(found, force, frames, pose, pad_centre=data.pad_centre)
-    unknown = ["The delays of the messages are not known."]
-    unknown += ["The depth is not known."] * (pose is None)
-    unknown += ["The position of a press on the pad is not known."] * (
-        not (pose and data.pad_centre)
-    )
     return Recorded(
         presses=presses,
         has_clock=True,
-        unknown=tuple(unknown),
+        unknown=("The delays of the messages are not known.",),
         notes=(_FOUND.format(count=len(presses)), *drift_note(found), *notes),
         contact_force_n=data.presses.contact_force,
         name="bag",

@@ -128,6 +128,27 @@ def image_files(source: Source, prefix: str = "") -> Image:
     return image
 
 
+def read_times(table: Table, columns: SampleColumns, name: str) -> FloatArray | None:
+    """Return the times of all rows [s]; None, and a problem is noted, where they cannot be."""
+    time_s = read_columns(table, columns, "time")[:, 0]
+    missing = np.flatnonzero(np.isnan(time_s)).tolist()
+    years = float(np.ptp(time_s)) / 31_557_600.0
+    if missing:
+        table.problems.add(
+            f"{table.where(missing[0], name)}: has no time; {len(missing)} rows have none",
+            remedy='every row needs one; only kind = "csv" can do without data.columns.time',
+        )
+    elif years > 10.0:
+        table.problems.add(
+            f'{table.name}, column "{name}": its times span {years:.3g} years',
+            remedy="correct the unit of times (data.columns.time.unit): the numbers look like ns "
+            "where s is stated",
+        )
+    else:
+        return time_s
+    return None
+
+
 def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) -> Recorded:
     """Return the presses that a table's rows hold, as far as its cells can be read.
 
@@ -147,10 +168,7 @@ def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) ->
     has_zero = columns.force is None or data.is_tared or columns.state is not None
     lacks = {
         "The delay between force and image of a row": True,
-        "The force": columns.force is None,
         "The zero of the force cell": not has_zero,
-        "The depth": columns.depth is None and columns.z is None,
-        "The position of a press on the pad": columns.x is None or columns.y is None,
         "The tilt of the indenter": columns.moment_x is None,
     }
     return Recorded(
@@ -186,21 +204,16 @@ class _Rows:
         self.has_clock = columns.time is not None
         self.stamp_ns: Int64Array = ORDER_NS * np.arange(1, count + 1)
         if columns.time is not None:
-            self._take_times(read_columns(table, columns, "time")[:, 0], columns.time.column)
+            self._take_times(columns.time.column)
 
     def by_press(self) -> list[IndexArray]:
         """Return the rows of each press."""
         return [np.flatnonzero(self.press == name) for name in dict.fromkeys(self.press.tolist())]
 
-    def _take_times(self, time_s: FloatArray, column: str) -> None:
+    def _take_times(self, column: str) -> None:
         """Take times as stamps that begin a second after zero, unless labels contradict them."""
-        missing = np.flatnonzero(np.isnan(time_s)).tolist()
-        if missing:
-            self.table.problems.add(
-                f"{self.table.where(missing[0], column)}: has no time; "
-                f"{len(missing)} rows have none",
-                remedy="every row needs one, or leave data.columns.time out",
-            )
+        time_s = read_times(self.table, self.data.columns, column)
+        if time_s is None:
             return
         stamps = np.asarray(np.rint((time_s - time_s.min() + 1.0) * 1e9), dtype=np.int64)
         step = np.diff(stamps)[self.press[1:] == self.press[:-1]]

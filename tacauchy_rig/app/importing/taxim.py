@@ -28,9 +28,6 @@ from tacauchy_rig.core.image_codec import encode_png
 _WANTED = ("f0", "imgs", "touch_center", "touch_radius")
 _UNKNOWN = (
     "The size of the ball and the scale of the images are not known.",
-    "The force is not known.",
-    "The depth is not known.",
-    "The position of a press is known from its image alone.",
     "The tilt of the indenter is not known.",
 )
 _ORDER = "No times were stated: the stamps of this run count images."

@@ -29,7 +29,13 @@ from tacauchy_rig.app.importing.press_detection import (
     zero_of,
 )
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
-from tacauchy_rig.app.importing.table_rows import POSE, WRENCH, SampleColumns, read_columns
+from tacauchy_rig.app.importing.table_rows import (
+    POSE,
+    WRENCH,
+    SampleColumns,
+    read_columns,
+    read_times,
+)
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.config.field_ranges import Frequency
@@ -372,17 +378,12 @@ def read_video(source: Source, data: VideoData) -> Recorded:
         "interval of the frames and, where the tip's height is not known, what a gel remembers. "
         "How late a frame shows the gel is part of it."
     )
-    unknown = ["The depth is not known."] * (pose is None)
-    unknown.append("The position of a press on the pad is not known.")
-    if count < RATED:
-        unknown.append(
-            f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
-        )
+    rate = f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
     return Recorded(
         presses=presses,
         has_clock=True,
         sync_mode="contact_onset",
-        unknown=tuple(unknown),
+        unknown=(rate,) * (count < RATED),
         notes=(offset, *told, *notes, *drift_note(found)),
         contact_force_n=data.presses.contact_force,
         name="video",
@@ -392,15 +393,10 @@ def read_video(source: Source, data: VideoData) -> Recorded:
 
 def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[str]]:
     """Return the first time of the log, times since then [s], and what is odd about them."""
-    time_s = read_columns(table, columns, "time")[:, 0]
     name = columns.time.column
-    if len(missing := np.flatnonzero(np.isnan(time_s))):
-        table.problems.add(
-            f"{table.where(int(missing[0]), name)}: its time is missing; {len(missing)} rows have "
-            "none",
-            remedy="every row needs a time",
-        )
-        return 0.0, np.arange(len(time_s), dtype=np.float64), []
+    time_s = read_times(table, columns, name)
+    if time_s is None:
+        return 0.0, np.arange(len(table.rows), dtype=np.float64), []
     step_s = np.diff(time_s)
     for k in np.flatnonzero(step_s < 0.0).tolist():
         # A counter that begins anew steps back by its range, less a step.

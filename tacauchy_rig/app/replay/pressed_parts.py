@@ -7,11 +7,9 @@ number of parts. Pressed surfaces are kept, too: with other optics only images a
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +30,6 @@ from sim.replay import (
 )
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Target
-from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
@@ -46,6 +43,7 @@ from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields
 from tacauchy_rig.core.time_limit_and_progress import Remaining, doing, heard, say, time_limit
+from tacauchy_rig.core.versions import content_hash
 
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""
@@ -211,7 +209,6 @@ def _stated_path(part: Part) -> ReferencePath | None:
 # Processor seconds of a press alone at its place, of a path with all its states, and of an image.
 _ALONE_S, _PATH_S, _IMAGE_S = 4.5, 40.0, 1.5
 _JOBS, _WORTH_PROCESSES = 2, 6
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 PROBES_NAME = f"{REPLAY_NAME}-probes"
 """Of presses that tell where an indenter is: kept beside the replay, for when it is repeated."""
 _BODIES: dict[str, type[Sphere | Cylinder]] = {"Sphere": Sphere, "Cylinder": Cylinder}
@@ -342,16 +339,6 @@ def _cost_s(part: Part) -> float:
     return _ALONE_S if part.is_alone else _PATH_S
 
 
-def _hash_of(*told: object) -> str:
-    return sha256(_written((__version__, *told)).encode()).hexdigest()
-
-
-def _written(told: object) -> str:
-    """Return values as text that is the same in every process."""
-    with np.printoptions(threshold=10_000_000):
-        return _ADDRESS.sub("", repr(told))
-
-
 class _PartFiles:
     """What is kept of a part of a run."""
 
@@ -415,7 +402,7 @@ class _PartFiles:
     def _hash(self, fit: ModulusFit | None) -> str:
         """Return the hash of all that the part's press depends on."""
         part = self._part
-        return _hash_of(part.inputs, part.records, part.config.protocol, bool(part.label), fit)
+        return content_hash(part.inputs, part.records, part.config.protocol, bool(part.label), fit)
 
     def _of_trial(self, index: int) -> Path:
         return self._run.store.paths.replay_trial(self._name, index)
@@ -425,7 +412,7 @@ class _PartFiles:
 
 
 def _seen_with(optics: OpticalCalibration) -> str:
-    return _hash_of(optics.model.provenance, optics.geometry, optics.shadows, optics.blur_px)
+    return content_hash(optics.model.provenance, optics.geometry, optics.shadows, optics.blur_px)
 
 
 def _read(path: Path) -> KeptPart | None:

@@ -26,8 +26,7 @@ from tacauchy_rig.core.config.field_ranges import Length, Ratio, Section
 from tacauchy_rig.core.config.load import read_section, read_toml
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
-from tacauchy_rig.core.registry import Kind, load, unknown
-from tacauchy_rig.core.versions import installed
+from tacauchy_rig.core.versions import content_hash, installed
 
 PRESSES_MOST = 1_000_000
 """Of one plan; an index of so many is read at once."""
@@ -411,17 +410,22 @@ def made_with() -> dict[str, str]:
 
 def row_hash(row: Row, simulation: Simulation) -> str:
     """Return what names a press: its inputs, files, settings and versions; 32 hex digits."""
-    body, name = indenter_of(row.indenter), row.sensor
+    body = indenter_of(row.indenter)
     files = (simulation.optics, simulation.background)
     content = {
         "row": asdict(row),
-        "sensor": _file_hash(Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name)),
+        "sensor": _sensor_hash(row.sensor),
         "body": body.content_hash if isinstance(body, MeshIndenter) else "",
         "simulation": simulation.model_dump(exclude={"shard", "optics", "background"}),
         "optics": [None if file is None else _file_hash(file) for file in files],
         "versions": made_with(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+
+
+@lru_cache(maxsize=64)
+def _sensor_hash(name: str) -> str:
+    return content_hash(sensor_of(name))
 
 
 @lru_cache(maxsize=64)

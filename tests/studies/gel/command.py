@@ -152,7 +152,7 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
             for each in (response.area_m2(*gel[1:], DEPTHS_M) / true_areas(name, gel)).tolist()
         ],
         "told": [(found.low, found.best, found.high) for found in told],
-        "held": [found.holds(value) for found, value in zip(told, gel, strict=True)],
+        "held": [holds(found, value) for found, value in zip(told, gel, strict=True)],
         "closed": [found.is_bounded for found in told],
         "left_out": [each.off for each in left_out],
         "written": _off_written(seed, number, fit, told),
@@ -162,6 +162,12 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
             for name, wrong in wrong_data(presses)
         },
     }
+
+
+def holds(found: Interval, value: float) -> bool:
+    """Return whether a value lies within an interval."""
+    low, high = found.low, found.high
+    return (low is None or low <= value) and (high is None or value <= high)
 
 
 def _off_written(seed: int, number: int, fit: GelFit, told: Sequence[Interval]) -> list[float]:

@@ -17,7 +17,7 @@ from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.markdown_page import page
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.check.run_and_press_check import check_run
+from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table
@@ -67,7 +67,7 @@ def observe(case: TamperCase, care: Care, run: Path, *, missed: Set[str]) -> Obs
             copy.reseal()
         named = {
             Reader.REPORT.value: _named(lambda: _reported(copy.root, missed)),
-            Reader.REPLAY.value: _named(lambda: check_run(RunStore.open(copy.root)).missed_names()),
+            Reader.REPLAY.value: _named(lambda: missed_names(check_run(RunStore.open(copy.root)))),
             Reader.RECOVER.value: _named(lambda: _recovered(copy.root)),
         }
     return Observation(case=case.name, care=care, named=named)
@@ -90,9 +90,14 @@ def _missed(*criteria: Sequence[Criterion]) -> Sequence[str]:
     return list(dict.fromkeys(c.name for each in criteria for c in each if not c.passed))
 
 
+def missed_names(check: RunCheck) -> Sequence[str]:
+    """Return the criteria that a check of a run's files misses."""
+    return _missed(check.run, *check.attempts.values())
+
+
 def _recovered(root: Path) -> Iterable[str]:
     recovery = recover_run(RunStore.open(root))
-    yield from recovery.check.missed_names()
+    yield from missed_names(recovery.check)
     if any(report.problems for report in recovery.recordings):
         yield "not recovered"
     if recovery.was_cut_off:

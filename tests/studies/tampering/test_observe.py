@@ -10,6 +10,7 @@ from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run
 from tests.studies.tampering.cases import TamperCase, all_cases
+from tests.studies.tampering.command import missed_names
 from tests.studies.tampering.copy import Care, RunCopy
 
 RECORDED = tuple(case for case in all_cases() if not case.name.startswith("replay"))
@@ -61,7 +62,7 @@ def missed(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Missed:
         case.change(copy)
         if care is Care.RESEALED:
             copy.reseal()
-        return set(check_run(RunStore.open(copy.root)).missed_names())
+        return set(missed_names(check_run(RunStore.open(copy.root))))
 
     return tampered
 

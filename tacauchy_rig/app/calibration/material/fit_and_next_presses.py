@@ -181,10 +181,6 @@ class Interval:
         """Whether the interval is closed."""
         return self.uncertainty is not None
 
-    def holds(self, value: float) -> bool:
-        """Return whether a value lies within."""
-        return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
-
 
 @dataclass(slots=True, kw_only=True)
 class GelFit:

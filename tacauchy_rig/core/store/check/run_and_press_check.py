@@ -15,6 +15,7 @@ import numpy as np
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.config.load import hash_of_values
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.force_sensor_gain import ARM_WINDOW_S, ARM_ZERO_S
 from tacauchy_rig.core.run import FZ, Criterion, JournalEvent, Tare, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
@@ -52,13 +53,6 @@ TURN_DEPTH_M = 3e-6
 CONTACT_DEPTH_M = 5e-5
 """From the turn that found contact to the line that says so the arm runs on, at a fifth of the
 search's speed, for a few turns and until it has come to rest."""
-
-ARM_WINDOW_S = 0.2
-"""The protocol takes the mean of the arm's estimate over this long."""
-
-ARM_STILL_S = 0.3
-"""So long after the search began, the arm still standing, it makes that mean its zero
-(protocols.steps.force_servo_hold_sway)."""
 
 REMEDY = f"recording.mcap and result.json tell of different presses. {RECOVER}"
 
@@ -153,12 +147,14 @@ def _arm_force(
         return
     stamp_ns, felt_n = _arm_means(arm)
     dwell_n = felt_n[within(stamp_ns, record.dwell_start_ns, record.dwell_end_ns)]
-    zero_n = felt_n[stamp_ns >= begun.stamp_ns + round(ARM_STILL_S * 1e9)]
+    # The arm stands still for its zero, in earlier runs for 0.3 s.
+    first_ns, last_ns = (begun.stamp_ns + round(s * 1e9) for s in (ARM_WINDOW_S, ARM_ZERO_S))
+    zero_n = felt_n[within(stamp_ns, first_ns, last_ns)]
     found_n, limit_n = math.nan, ROUNDING_N
     if len(dwell_n) and len(zero_n):
         # As the session had it: a resumed one may count the other way.
         sign = begun.detail.get("force_sign", attempt.store.config.robot.force_sign)
-        found_n = sign * float(dwell_n.mean() - zero_n[0])
+        found_n = sign * float(dwell_n.mean() - zero_n.mean())
         limit_n += STANDARD_ERRORS * math.sqrt(2.0) * float(dwell_n.std())
     yield _same("recorded_arm_force", found_n, stated_n, limit_n, "N")
 
@@ -438,10 +434,6 @@ class RunCheck:
     def missed(self) -> Iterator[str]:
         """Yield a line for each criterion that is not met: where, which, what, and what to do."""
         return (f"{where}{_line(criterion)}" for where, criterion in self._missed())
-
-    def missed_names(self) -> tuple[str, ...]:
-        """Return the names of the criteria that are not met, each once."""
-        return tuple(dict.fromkeys(criterion.name for _, criterion in self._missed()))
 
     def _missed(self) -> Iterator[tuple[str, Criterion]]:
         places = [("", self.run)]

@@ -49,7 +49,7 @@ def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
     assert imported is not None
     assert not imported.has_clock
     assert imported.trials[0].place_m is None
-    assert "The position of a press on the pad is not known." in imported.unknown
+    assert "The position of a press is not known." in imported.unknown
     (record,) = counting(store)
     assert (record.force_measured_n, record.depth_measured_m) == (1.5, pytest.approx(0.25e-3))
     assert record.tare_before is None

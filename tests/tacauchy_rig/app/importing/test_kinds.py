@@ -38,7 +38,7 @@ depth = {{ column = "d", unit = "{depth}" }}
 [rig.sensor]
 name = "gelsight-mini"
 [rig.replay]
-indenter = "sphere:diameter=8mm"
+{body}
 {rig}
 """
 TURNED = "[rig.force_sensor]\ncompression_sign = -1"
@@ -57,13 +57,14 @@ class Folder:
     spec: dict[str, str] = field(default_factory=dict)
     # What a refusal has to say, each of it; empty where forces have to come out.
     told: Sequence[str] = ()
+    noted: str = ""  # what the import has to say of it besides
     prefix: bytes = b""
     tolerance_n: float = 1e-9
 
     def write(self) -> None:
         """Write all of it."""
         known = dict.fromkeys(("top", "data", "columns", "force_sign", "rig"), "")
-        known |= {"tared": "true", "force": "N", "depth": "mm"}
+        known |= {"tared": "true", "force": "N", "depth": "mm", "body": f'indenter = "{BALL}"'}
         spec = SPEC.format(**known | self.spec)
         (self.root / "import.toml").write_text(spec)
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
@@ -204,6 +205,33 @@ def backslashes(folder: Folder) -> None:
 def unknown_first(folder: Folder) -> None:
     """The first depth is not known."""
     folder.rows[1][2] = ("nan", "NaN", "", "N/A")[folder.random.integers(4)]
+    folder.noted = f"The depth of 1 of {len(folder.rows) - 1} presses (1) is not known."
+
+
+def frozen(folder: Folder) -> None:
+    """The camera stood still: every press has the image of the first."""
+    for row in folder.rows[2:]:
+        row[0] = "p1.png"
+    folder.noted = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image"
+
+
+def bodiless(folder: Folder) -> None:
+    """Nobody says what was pressed into what."""
+    folder.spec["body"] = ""
+    folder.noted = "The indenter is not known: cylinder:diameter=5mm,fillet=0.1mm is assumed"
+
+
+def deep_pixels(folder: Folder) -> None:
+    """Of 16 bits a channel, of which 8 are used: all would be black."""
+    level = cv2.imread(str(folder.root / "p1.png")).astype(np.uint16)
+    (folder.root / "p1.png").write_bytes(cv2.imencode(".png", level)[1])
+    folder.told = ("p1.png", "RGB of 16 bits", "8 bits a channel")
+
+
+def nanoseconds(folder: Folder) -> None:
+    """Nanoseconds where seconds are stated."""
+    _labelled(folder, lambda k: str(1790000000000000000 + 40000000 * k))
+    folder.told = ('column "t"', "years", "ns where s is stated", "data.columns.time.unit")
 
 
 def one_negative(folder: Folder) -> None:
@@ -321,7 +349,7 @@ def own_words(folder: Folder) -> None:
 KINDS: dict[str, Callable[[Folder], None]] = SCALED | {
     name: each
     for name, each in tuple(globals().items())
-    if getattr(each, "__annotations__", None) == {"folder": "Folder", "return": "None"}
+    if getattr(each, "__annotations__", None) == {"folder": Folder, "return": None}
 }
 """Every function above that changes a folder and needs no more than that."""
 
@@ -341,7 +369,8 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
         return
     store = import_run(root, parent=tmp_path / "runs")
     assert list(check_run(store).missed()) == []
-    forces = [each.force_measured_n for each in counting(store)]
+    imported, forces = store.imported.load(), [each.force_measured_n for each in counting(store)]
+    assert folder.noted in " ".join([*imported.unknown, *imported.notes])
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from unittest.mock import patch
@@ -16,12 +17,14 @@ import pyarrow.parquet as pq
 import pytest
 from rocrate.rocrate import ROCrate
 
+from tacauchy_rig.app.sweep import plan as plan_module
 from tacauchy_rig.app.sweep import run_sweep
 from tacauchy_rig.app.sweep.engines import Folder, InterruptedSweepError, Processes, Work
 from tacauchy_rig.app.sweep.plan import Plan, Row, read_plan, row_hash, rows_of
 from tacauchy_rig.app.sweep.shards import Made, Shard, _columns, lists
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
+from tacauchy_rig.core.registry import Kind, load
 from tests.tacauchy_rig.app.sweep.stand_in import EXPECTED, SHARDS, work
 
 _HEAD = 'design = "{design}"\n{count}\n[press]\nsensor = "gelsight-mini"\n'
@@ -72,12 +75,22 @@ def test_a_longer_sobol_plan_begins_with_the_presses_of_a_shorter_one(tmp_path: 
 
 
 def test_a_hash_follows_inputs_and_settings_but_not_the_size_of_shards(tmp_path: Path) -> None:
-    """A hash follows inputs and settings but not the size of shards."""
+    """A hash follows inputs, settings and the sensor of ``optics.like``, but no size of shards."""
     (row,) = _rows(tmp_path, _BALL + 'depth = "0.5 mm"\n', count="count = 1")
     plan = read_plan(tmp_path / "plan.toml").simulation
     name = row_hash(row, plan)
     assert row_hash(row, plan.model_copy(update={"shard": 7})) == name
     assert row_hash(row, plan.model_copy(update={"edge": 2e-3})) != name
+
+    lit, dim = load(Kind.SENSOR, "gelsight-mini"), tmp_path / "dim.toml"
+    dim.write_text(lit.read_text("utf-8").replace("[90, 15, 10]", "[80, 9, 9]"))
+    own, found = load(Kind.SENSOR, "taxim-gelsight"), set()
+    for other in (lit, dim):
+        plan_module.sensor_of.cache_clear()
+        plan_module._sensor_hash.cache_clear()
+        with patch("sim.sensor.sensor.load", side_effect=[own, other]):
+            found.add(row_hash(replace(row, sensor="taxim-gelsight"), plan))
+    assert len(found) == 2
 
 
 @pytest.mark.parametrize(

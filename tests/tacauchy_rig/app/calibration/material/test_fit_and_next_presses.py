@@ -33,6 +33,7 @@ from tests.studies.gel.command import (
     DEPTHS_M,
     drawn_gel,
     gel_table,
+    holds,
     judged_gel,
     response_of,
     true_areas,
@@ -61,10 +62,10 @@ def test_two_indenters_tell_a_gel_and_their_zeros() -> None:
     later = replace(data[0][0], depth_m=data[0][0].depth_m + 40e-6)
     fit = GelFit(data=[(later, data[0][1]), data[1]])
     young, poisson, friction = (fit.interval(place) for place in (YOUNG, NU, MU))
-    assert young.holds(GEL["young_pa"])
+    assert holds(young, GEL["young_pa"])
     assert poisson.is_bounded
-    assert poisson.holds(GEL["poisson"])
-    assert friction.holds(GEL["friction"])
+    assert holds(poisson, GEL["poisson"])
+    assert holds(friction, GEL["friction"])
     assert (young.uncertainty or 1e9) < 0.05 * GEL["young_pa"]
     assert fit.zeros_m[0] == pytest.approx(-40e-6, abs=10e-6)
 
@@ -80,7 +81,7 @@ def test_one_indenter_tells_a_valley_and_an_assumed_ratio_picks_a_modulus() -> N
     assert low - high == pytest.approx(2.0 * 0.06, abs=0.03)
     told = GelFit(data=data, priors={NU: (GEL["poisson"], 0.005)})
     assert told.interval(NU).is_bounded
-    assert told.interval(YOUNG).holds(GEL["young_pa"])
+    assert holds(told.interval(YOUNG), GEL["young_pa"])
     assert (told.interval(YOUNG).uncertainty or 1e9) < (fit.interval(YOUNG).uncertainty or 0.0)
 
 
@@ -103,7 +104,7 @@ def test_a_few_forces_fit_what_they_can(count: int) -> None:
         },
     )
     fit = GelFit(data=[(few, response)])
-    assert fit.interval(YOUNG).holds(GEL["young_pa"])
+    assert holds(fit.interval(YOUNG), GEL["young_pa"])
     assert not fit.interval(NU).is_bounded
     left_out = list(predict_left_out(fit))
     assert len(left_out) == (count if count > 1 else 0)

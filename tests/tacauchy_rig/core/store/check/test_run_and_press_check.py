@@ -8,18 +8,14 @@ import pytest
 from tacauchy_rig.app.session.record_run_and_weight_check import note_changes
 from tacauchy_rig.core.config.load import resumed_config
 from tacauchy_rig.core.run import Outcome
-from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run, pressed_run
+from tests.studies.tampering.command import missed_names
 
 ONE = 'protocol.force_targets=["1.2 N"]'
-
-
-def found(check: RunCheck) -> list[str]:
-    """Return the names of the criteria that are missed."""
-    return sorted(check.missed_names())
 
 
 @pytest.mark.parametrize(
@@ -39,7 +35,7 @@ def test_an_untouched_run_is_not_accused(tmp_path: Path, seed: int) -> None:
 def test_a_run_that_was_cut_off_is_recovered_and_not_accused(tmp_path: Path) -> None:
     """Torn recording, no result, no end: what a loss of power in the second trial leaves."""
     store = _cut_off(pressed_run(tmp_path), share=0.6)
-    assert found(check_run(store)) == ["journal_end"]
+    assert missed_names(check_run(store)) == ["journal_end"]
     recovery = recover_run(store)
     assert recovery.is_whole
     assert recovery.was_cut_off
@@ -70,7 +66,7 @@ def test_a_result_that_was_not_sealed_in_time_is_sealed_by_recover(tmp_path: Pat
     lines = store.paths.journal.read_bytes().splitlines(keepends=True)
     last = max(i for i, line in enumerate(lines) if b'"sealed"' in line)
     store.paths.journal.write_bytes(b"".join(lines[:last]))
-    assert found(check_run(store)) == ["journal_end"]
+    assert missed_names(check_run(store)) == ["journal_end"]
     assert recover_run(store).is_whole
     assert list(check_run(store).missed()) == []
 
@@ -80,7 +76,7 @@ def test_a_trial_that_is_pressed_again_leaves_the_first_attempt_out(tmp_path: Pa
     store = pressed_run(tmp_path)
     with store.paths.recording(1, 1).open("r+b") as file:
         file.truncate(50_000)
-    assert {"recorded_force", "recording_hash"} <= set(found(check_run(store)))
+    assert {"recorded_force", "recording_hash"} <= set(missed_names(check_run(store)))
     press_run(store, seed=3, start_ns=10**12, again={1})
     check = check_run(store)
     assert all("trial 1, attempt 1" in line for line in check.missed())
@@ -129,7 +125,7 @@ def test_a_failed_result_that_denies_old_images_is_contradicted(tmp_path: Path) 
     assert not told["passed"]
     told.update(passed=True, measured=0.0)
     path.write_text(json.dumps(content))
-    assert {"recorded_images", "result_hash"} <= set(found(check_run(store)))
+    assert {"recorded_images", "result_hash"} <= set(missed_names(check_run(store)))
 
 
 @pytest.mark.parametrize(("model", "more_n"), [("e-series", 0.6), ("cb3", 3.0)])
@@ -139,7 +135,7 @@ def test_what_the_arm_felt_is_computed_again(tmp_path: Path, model: str, more_n:
     press_run(store)
     assert list(check_run(store).missed()) == []
     _edit(store.paths.result(1, 1), "arm_force_n", more_n)
-    assert found(check_run(store)) == ["recorded_arm_force", "result_hash"]
+    assert missed_names(check_run(store)) == ["result_hash", "recorded_arm_force"]
 
 
 def test_a_session_may_count_a_push_the_other_way(tmp_path: Path) -> None:
