@@ -50,6 +50,7 @@ _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
+_LOOKED_AT = 900  # pixels at least by which a circle is moved
 # Differences that slopes are found by, and what ends a search, are shares of move plus the first.
 _SEARCH_PX, _DIFFERENCE_SHARE, _SETTLED_SHARE = 100.0, 3e-4, 1e-5
 _SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
@@ -266,6 +267,8 @@ class PressScene:
         circle = placed.press.circle
         label = np.array([circle.x_px, circle.y_px, circle.radius_px])
         rows, columns = self.pixels_around(placed.press)
+        step = max(1, len(rows) // _LOOKED_AT)
+        rows, columns = rows[::step], columns[::step]
         expected = self.expected(rows, columns, placed.light)
         seen = seen_change(placed.press.image[rows, columns], expected)
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
@@ -424,19 +427,23 @@ class _ContactChange:
         self._seen, self.strongest = seen - seen.mean(), float(seen.max())  # [grey levels]
         # Column and row of the middle of the strongest changes [px]
         self.start = np.median(self._x[strong]), np.median(self._y[strong])
-        self._gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
+        self._profile, self._geometry = scene.profile, scene.geometry
 
     def explained(self, circle: Circle) -> float:
         """Return which share of the changes' variance the gel's tilt around a contact explains."""
-        tilt = np.hypot(*self._gel.surface(circle, self._x, self._y)[:2])
-        tilt = tilt - tilt.mean()
+        profile = self._profile(circle.radius_px * self._geometry.mean_scale_m)
+        dx = (self._x - circle.x_px) * self._geometry.scale_x_m
+        dy = (self._y - circle.y_px) * self._geometry.scale_y_m
+        # A dome's own slope changes no image.
+        tilt = np.interp(np.hypot(dx, dy), profile.radius_m, np.abs(profile.tilt), right=0.0)
+        tilt -= tilt.mean()
         gain = max(float(tilt @ self._seen) / max(float(tilt @ tilt), 1e-12), 0.0)
         left = float(np.mean((self._seen - gain * tilt) ** 2))
         return 1.0 - left / max(float(np.var(self._seen)), 1e-12)
 
     def search(self, ball_radius_m: float) -> tuple[Circle, float]:
         """Return the contact that explains most, and how much it does."""
-        scale = self._gel.geometry.mean_scale_m
+        scale = self._geometry.mean_scale_m
         searches = [
             minimize(
                 lambda place: -self.explained(_circle(place)),

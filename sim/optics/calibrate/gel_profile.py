@@ -89,26 +89,33 @@ class PressedProfiles:
                 f"{len(presses)} simulated presses give no gel profile",
                 remedy="give at least one press whose contact has an area",
             )
-        self._presses = sorted(presses, key=lambda press: press[0])
-        self._radii = np.array([radius for radius, _ in self._presses])
+        ordered = sorted(presses, key=lambda press: press[0])
+        self._radii = np.array([radius for radius, _ in ordered])
+        self._between = [*map(_side_by_side, ordered, [*ordered[1:], ordered[-1]])]
 
     def __call__(self, contact_radius_m: float) -> RadialProfile:
         """Return the gel's surface where the contact has this radius [m]."""
         place = float(np.interp(contact_radius_m, self._radii, np.arange(len(self._radii))))
-        lower = int(place)
-        share = place - lower
-        near = [self._presses[i] for i in (lower, min(lower + 1, len(self._radii) - 1))]
-        reach = max(profile.radius_m[-1] * contact_radius_m / own for own, profile in near)
-        radius = np.linspace(0.0, reach, max(len(profile.radius_m) for _, profile in near))
-        scaled = []
-        for own, profile in near:
-            scale = contact_radius_m / own
-            at, still = radius / scale, (profile.tilt, profile.indentation_m)
-            found = [np.interp(at, profile.radius_m, each, right=0.0) for each in still]
-            found.append(profile.outward(at))
-            scaled.append(np.array([scale, scale**2, scale**2])[:, None] * np.stack(found))
-        tilt, depth, outward = (1.0 - share) * scaled[0] + share * scaled[1]
-        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
+        share = place - int(place)
+        radius, lower, upper = self._between[int(place)]
+        scales = contact_radius_m ** np.array([1.0, 2.0, 2.0])
+        tilt, depth, outward = scales[:, None] * ((1.0 - share) * lower + share * upper)
+        return RadialProfile(
+            radius_m=contact_radius_m * radius, tilt=tilt, indentation_m=depth, outward_m=outward
+        )
+
+
+def _side_by_side(*presses: tuple[float, RadialProfile]) -> list[FloatArray]:
+    """Return distances in radii of the contact, and there the profiles by its radius, [3, n]."""
+    reach = max(profile.radius_m[-1] / own for own, profile in presses)
+    radius = np.linspace(0.0, reach, max(len(profile.radius_m) for _, profile in presses))
+    found = [radius]
+    for own, profile in presses:
+        at, still = radius * own, (profile.tilt, profile.indentation_m)
+        values = [np.interp(at, profile.radius_m, each, right=0.0) for each in still]
+        scales = own ** np.array([1.0, 2.0, 2.0])
+        found.append(np.stack([*values, profile.outward(at)]) / scales[:, None])
+    return found
 
 
 def radial_profile(

@@ -8,6 +8,7 @@ without those.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations, product
 from typing import Any
 
@@ -44,7 +45,7 @@ _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
-_BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
+_BLUR_TURNS, _SHADED_TURNS = 5, (1, 3)  # the latter after each search for lamps
 _SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
@@ -140,14 +141,14 @@ def calibrate_with_shadows(
     """
     found = calibrate_optics(presses, scene, rounds=_BEFORE)
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
-    for steps in _ROUNDS:
+    for steps, turns in zip(_ROUNDS, _SHADED_TURNS, strict=True):
         shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
         known = calibrate_optics(lit, scene, found, rounds=1)
         known = replace(known, shadows=shadows, blur_px=found.blur_px)
-        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
-    return found
+        found = with_blur(known.placed(lit), known, turns=turns)
+    return _coloured(presses, found)
 
 
 def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
@@ -232,7 +233,7 @@ class _LostLight:
         self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
         self._left_over = self._beside(seen.change * seen.weights)
         self._total = float(np.sum(self._left_over**2))
-        self._known: dict[tuple[float | None, ...], RealArray] = {}
+        self._lost = lru_cache(_KEPT)(self._lost_by)
 
     def _beside(self, light: RealArray) -> RealArray:
         """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
@@ -266,24 +267,19 @@ class _LostLight:
         return _with_colours(shadows, colours), self._total + misfit
 
     def _equations(self, shadows: ShadowCaster) -> tuple[FloatArray, FloatArray]:
-        terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps], axis=1)
+        dark = [replace(lamp, colour=(0.0, 0.0, 0.0)) for lamp in shadows.lamps]
+        each = [self._lost(replace(shadows, lamps=(lamp,))) for lamp in dark]
+        terms = np.stack(each, axis=1)
         normal = terms @ terms.transpose(0, 2, 1)
         return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
 
-    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> RealArray:
-        place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
-        key = (*place, shadows.spread, shadows.softness_m)
-        found = self._known.pop(key, None)
-        if found is None:
-            gel = self._dents
-            shares = lost_share(gel[:, 2], gel[:, :2], lamp, shadows, self._geometry)
-            pairs = zip(shares, self._places, strict=True)
-            seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
-            found = self._beside(self._weights * np.concatenate(seen))
-            if len(self._known) == _KEPT:
-                del self._known[next(iter(self._known))]
-        self._known[key] = found
-        return found
+    def _lost_by(self, shadows: ShadowCaster) -> RealArray:
+        """Return what one lamp loses, whatever its colour, beside colours by slopes, [3, n]."""
+        gel, (lamp,) = self._dents, shadows.lamps
+        shares = lost_share(gel[:, 2], gel[:, :2], lamp, shadows, self._geometry)
+        pairs = zip(shares, self._places, strict=True)
+        seen = [_blurred(share, self._blur_px)[place] for share, place in pairs]
+        return self._beside(self._weights * np.concatenate(seen))
 
 
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
