@@ -131,8 +131,8 @@ def visible_share(
         toward: Unit vectors to the light, third component away from the gel, each like ``x``.
     """
     size = x.shape[::-1]
-    x, y = x[::_STRIDE, ::_STRIDE], y[::_STRIDE, ::_STRIDE]
-    toward = tuple(part[::_STRIDE, ::_STRIDE] for part in toward)
+    coarse = tuple(-(-count // _STRIDE) for count in size)
+    x, y, *toward = (cv2.resize(part, coarse) for part in (x, y, *toward))  # middles of blocks
     own = relief.bulge_at(x, y)
     share = np.ones_like(x)
     for sample in _SAMPLES_M:
