@@ -30,6 +30,8 @@ class Relief:
     curvature: Float32Array  # radial curvature [1/m], likewise
     inside: Float32Array  # 1 in contact, 0 outside, likewise
     bulge: Float32Array  # height towards the camera over the unloaded gel [m], likewise
+    # 1 where the surface is tilted as the unloaded gel there is: under a ball; 0 elsewhere, likewise
+    leaning: Float32Array
     # Height that a tilt of one radian adds on its own side, over the radius [1], at multiples of
     # ``STEP_M``.
     tilt_rise: Float32Array
@@ -58,7 +60,8 @@ class Relief:
         tilt_rise = self.tilt_rise[index]
         along = (tilt_x * dx + tilt_y * dy) * (self.tilt_slope[index] - tilt_rise)
         along /= np.maximum(radius * radius, np.float32(1e-18))
-        added = tilt_x * tilt_rise + along * dx, tilt_y * tilt_rise + along * dy
+        even = self.leaning[index] + tilt_rise
+        added = tilt_x * even + along * dx, tilt_y * even + along * dy
         return np.asarray(added[0], np.float32), np.asarray(added[1], np.float32)
 
 
@@ -73,8 +76,9 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
     curvature = np.gradient(slope, STEP_M)
     inside = np.clip((profile.contact_radius - radius) / (2 * STEP_M) + 0.5, 0.0, 1.0)
     extra = slope - radius / dome_radius_m * (1.0 - inside)
-    tilt_rise = tilt_slope = inside  # the whole mark of a ball is tilted as the gel under it is
+    leaning, tilt_rise, tilt_slope = inside, *np.zeros((2, radius.size))
     if len(profile.tilt_height):
+        leaning = np.zeros_like(inside)
         tilt_height = np.interp(radius, profile.radius, -profile.tilt_height)
         tilt_slope = _smoothed_slope(tilt_height, reflected="odd")
         tilt_rise = np.divide(tilt_height, radius, out=tilt_slope.copy(), where=radius > 0.0)
@@ -91,6 +95,7 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
         curvature=_ending_in_zero(curvature[:end] * fade),
         inside=_ending_in_zero(inside[:end]),
         bulge=_ending_in_zero((height - 0.5 * radius**2 / dome_radius_m)[:end] * fade),
+        leaning=_ending_in_zero(leaning[:end]),
         tilt_rise=_ending_in_zero(tilt_rise[:end] * fade),
         tilt_slope=_ending_in_zero(tilt_slope[:end] * fade),
     )
@@ -126,8 +131,8 @@ def visible_share(
         toward: Unit vectors to the light, third component away from the gel, each like ``x``.
     """
     size = x.shape[::-1]
-    x, y = x[::_STRIDE, ::_STRIDE], y[::_STRIDE, ::_STRIDE]
-    toward = tuple(part[::_STRIDE, ::_STRIDE] for part in toward)
+    coarse = tuple(-(-count // _STRIDE) for count in size)
+    x, y, *toward = (cv2.resize(part, coarse) for part in (x, y, *toward))  # middles of blocks
     own = relief.bulge_at(x, y)
     share = np.ones_like(x)
     for sample in _SAMPLES_M:
