@@ -19,7 +19,7 @@ _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
 # Of a light contact (``sensor_model``): radius over ``reach`` and mean depth over radius where it
 # ends, how a base at hand stiffens it, and how much rounding may take off.
-_LIGHT, _STEEP = wp.constant(wp.float64(0.44)), wp.constant(wp.float64(0.7))
+_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.7))
 _NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
@@ -331,7 +331,7 @@ def note(
         own += (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
-        history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
+        history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b] // 2)
         again = d.pushed[b] == 1 and wp.abs(change) > _SAME_BIAS
         if ends and again and history.corrected[b] < _CORRECTIONS:
             history.corrected[b] = history.corrected[b] + 1

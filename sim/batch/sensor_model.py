@@ -18,16 +18,16 @@ Contact gives less under sharp bodies, and form and narrow are half as large. Th
 fitted to 546 presses of balls, punches and prisms on two sensors, a third with friction, at edges
 of 0.9 to 2.5 mm, against presses on fine meshes of their own, and that of layers to 40 on 9DTact.
 
-A light contact touches so few points that its force on the mesh depends on where they lie. There,
-the body's overlap with the resting gel tells the force better: by pressure like the overlap's depth
-g (Ritz's method), on a half-space,
+A light contact touches so few points that its force on the mesh depends on where they lie. The
+body's overlap with the resting gel, of depth g, tells it better: with pressure like g (Ritz's
+method on a half-space, stiffened by the pad's base),
 
     F_light = light E / (1 - nu^2) mean(g) r exp(2.73 r / z + steep mean(g) / r + rim (h / r)^2)
 
-with mean(g) weighted by g and r from the variances of the overlap's place along the pad, weighted
-likewise: (sqrt(r_1) + sqrt(r_2))^2 / 4 with r_1 and r_2, the roots of those along its axes. The
-logarithm of F is taken from F_light by a share of exp(-(r / 0.44 h)^4 - (mean(g) / 0.7 r)^4). The
-last factor in F_light is for sharp bodies, whose rounding takes off some of the overlap.
+with means weighted by g, and r from the standard deviations along the overlap's axes: r = (sqrt r_1
++ sqrt r_2)^2 / 4. Here h includes where contact begins. By a share of exp(-(r / 0.46 h)^4 -
+(mean(g) / 0.7 r)^4) the logarithm of F is that of F_light. Rounding takes some of the overlap off
+sharp bodies: hence ``rim``. These numbers were fitted at edges of 1 and 1.25 mm.
 """
 
 from __future__ import annotations
@@ -69,8 +69,6 @@ _BASE, _USUAL = 0.55, 1.9
 # Of light contacts, under a rounded body and under a sharp one: ``light``, ``steep``, ``rim``, and
 # what may remain beside that of all.
 _LIGHT = ((3.135, 0.156, 0.0, 0.0), (3.455, 0.35, 0.0041, 0.05))
-# Edges of the mesh from a contact point to its images in its face's quarters, at most.
-_IMAGE_EDGES = 1.0
 # What may remain of it: of all, and by edges, layers and narrow contacts.
 _LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.08, 0.14, 0.028
 
@@ -147,8 +145,8 @@ def edge_of(model: Model) -> float:
 
 
 def reach_of(model: Model) -> float:
-    """Return how far from contact a point is whose face may touch [m]."""
-    return model.contact_options.distance_m + _IMAGE_EDGES * edge_of(model)
+    """Return the gap of a point whose face may touch [m]: up to an edge more than where it does."""
+    return model.contact_options.distance_m + edge_of(model)
 
 
 def sharp(indenters: Sequence[Indenter]) -> NDArray[np.bool_]:

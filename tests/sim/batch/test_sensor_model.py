@@ -34,6 +34,20 @@ def test_bias_and_what_remains_fall_with_the_edges() -> None:
     assert (fine.left < coarse.left).all()
 
 
+def test_a_light_contact_has_its_force_wherever_it_touches() -> None:
+    """Balls that touch one to five points: Hertz's force, stiffened by the base (Dimitriadis)."""
+    depth, ball = 0.08e-3, Sphere(diameter_m=4e-3)
+    poses = np.tile([0.0, 0.0, PAD.height_m - depth, 0.0, 0.0, 0.0, 1.0], (12, 1))
+    poses[:, :2] = np.random.default_rng(7).uniform(-1e-3, 1e-3, (12, 2))
+    found = Batch(sensor_model(PAD, GEL, edge_m=2e-3), [ball], [0] * 12).step(poses)
+    chi = np.sqrt(2e-3 * depth) / PAD.height_m
+    hertz_n = 4 / 3 * GEL.young_pa / (1 - GEL.poisson**2) * np.sqrt(2e-3 * depth**3)
+    hertz_n *= 1 + 1.133 * chi + 1.283 * chi**2
+    off, raw = found.wrench[:, 2] / hertz_n - 1, found.raw_wrench[:, 2] / hertz_n - 1
+    assert np.abs(off).max() < 0.05 < found.force_error.min()
+    assert np.ptp(raw) > 0.3
+
+
 def test_shear_under_sticking_points_adds_to_the_bias() -> None:
     """The same ball at the same depth: the mesh adds more force with friction than without."""
     model = sensor_model(PAD, GEL, edge_m=2e-3, friction=1.0)
