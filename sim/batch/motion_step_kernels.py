@@ -19,7 +19,7 @@ _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
 # Of a light contact (``sensor_model``): radius over ``reach`` and mean depth over radius where it
 # ends, how a base at hand stiffens it, and how much rounding may take off.
-_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.7))
+_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.6))
 _NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))

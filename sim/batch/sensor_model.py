@@ -26,7 +26,7 @@ method on a half-space, stiffened by the pad's base),
 
 with means weighted by g, and r from the standard deviations along the overlap's axes: r = (sqrt r_1
 + sqrt r_2)^2 / 4. Here h includes where contact begins. By a share of exp(-(r / 0.46 h)^4 -
-(mean(g) / 0.7 r)^4) the logarithm of F is that of F_light. Rounding takes some of the overlap off
+(mean(g) / 0.6 r)^4) the logarithm of F is that of F_light. Rounding takes some of the overlap off
 sharp bodies: hence ``rim``. These numbers were fitted at edges of 1 and 1.25 mm.
 """
 
