@@ -158,10 +158,12 @@ class Batch:
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
         )
-        self._bias = bias_of(model, self.inverse).of(edged.astype(int))
+        own_bias = bias_of(model, self.inverse).of(edged.astype(int))
+        own_bias.light[:, 0] *= young_pa / model.young_pa
         if bias is not None:
             left = bias.of(which)
-            self._bias = left._replace(known=left.known + self._bias.known)
+            own_bias = left._replace(known=left.known + own_bias.known, light=own_bias.light)
+        self._bias = own_bias
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
@@ -197,7 +199,7 @@ class Batch:
         # Contact begins so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
-        shapes = {"tips": (self.count, 2), "touched": (self.count, 8), "last": nodes}
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 16), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)

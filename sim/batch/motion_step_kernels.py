@@ -17,6 +17,10 @@ _NOTHING = wp.constant(wp.float64(1e-300))
 # How often a load is corrected at most, the change of a bias that is none, and the largest bias.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
+# Of a light contact (``sensor_model``): radius over ``reach`` and mean depth over radius where it
+# ends, how a base at hand stiffens it, and how much rounding may take off.
+_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.6))
+_NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -56,7 +60,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 8]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 16]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
@@ -254,7 +258,7 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(8):
+            for k in range(16):
                 history.touched[b, k] = wp.float64(0.0)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
@@ -265,6 +269,28 @@ def arrive(
             history.moves[b] = 0
 
 
+@wp.func
+def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.vec4d):
+    """Return a contact's force [N] by what it overlaps of the resting gel, and how light it is."""
+    force, share, zero = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+    volume = touched[b, 8]
+    if volume > zero and light[0] > zero:
+        depth, height = touched[b, 9] / volume, touched[b, 12] / volume
+        x, y = touched[b, 10] / volume, touched[b, 11] / volume
+        xx, yy = touched[b, 13] / volume - x * x, touched[b, 14] / volume - y * y
+        xy = touched[b, 15] / volume - x * y
+        both = wp.sqrt(wp.max(xx * yy - xy * xy, zero))
+        radius = wp.float64(0.25) * wp.sqrt(xx + yy + both + both) + wp.float64(0.5) * wp.sqrt(both)
+        if radius > zero:
+            steep = depth / radius
+            off = wp.min(light[2] / (radius * radius), _MOST_OFF)
+            more = _NEAR_BASE * radius / height + light[1] * steep + off
+            force = light[0] * depth * radius * wp.exp(more)
+            four = wp.float64(4.0)
+            share = wp.exp(-wp.pow(radius / _LIGHT, four) - wp.pow(steep / _STEEP, four))
+    return force, share
+
+
 @wp.kernel(enable_backward=False)
 def note(
     # Model:
@@ -272,6 +298,7 @@ def note(
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
+    light: wp.array(dtype=wp.vec4d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -297,10 +324,14 @@ def note(
             terms[2] = history.touched[b, 7] * area / (force * force)
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
-        own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS) + (by[0] + by[1] * x) * x
+        own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS)
+        by_rest, share = light_contact(history.touched, b, light[b])
+        if share > _NOTHING and force > wp.float64(0.0):
+            own += share * (wp.log(force / by_rest) - own)
+        own += (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
-        history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
+        history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b] // 2)
         again = d.pushed[b] == 1 and wp.abs(change) > _SAME_BIAS
         if ends and again and history.corrected[b] < _CORRECTIONS:
             history.corrected[b] = history.corrected[b] + 1
@@ -313,7 +344,8 @@ def note(
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] * wp.exp(-own)
-                found.error[f, b] = left[b][0] + left[b][1] * terms[1]
+                narrow = left[b][1] * terms[1]
+                found.error[f, b] = left[b][0] + narrow + share * (light[b][3] - narrow)
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load

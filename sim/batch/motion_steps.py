@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch import motion_step_kernels as kernels
-from sim.batch.sensor_model import ForceBias, edge_of, face_shares, pressure_form, quarter_values
+from sim.batch.sensor_model import ForceBias, face_shares, pressure_form, quarter_values, reach_of
 from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
@@ -15,8 +15,6 @@ from tacauchy_rig.core.arrays import FloatArray
 # Steps of a descent between two looks at who has arrived: a look is nine launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
-# Edges of the mesh from a contact point to its images in its face's quarters, at most.
-_IMAGE_EDGES = 1.0
 
 
 class Frames:
@@ -63,7 +61,7 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d, wp.vec4d)
         biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
         self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
 
@@ -147,12 +145,12 @@ class Frames:
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
-        reach = wp.float64(options.distance_m + _IMAGE_EDGES * edge_of(model))
+        formed += [self._rest, wp.float64(reach_of(model))]
         at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [*ending, *now]),
-            record(made.wrench, points, [*at, *formed, reach, history.touched]),
+            record(made.wrench, points, [*at, *formed, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

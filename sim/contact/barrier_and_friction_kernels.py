@@ -242,6 +242,7 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
+_Moments = wp.types.vector(length=8, dtype=wp.float64)
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -260,7 +261,9 @@ class ContactKernels:
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
-    # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2]
+    # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2].
+    # Then what the indenter overlaps of the resting gel, integrals of g, g^2, g x, g y, g z, g x^2,
+    # g y^2 and g x y [m^2] with depth g, x and y from the tip and height z, all over ``reach``
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -455,6 +458,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         form: wp.array2d(dtype=wp.float64),
         shares: wp.array(dtype=wp.float64),
         others: wp.array3d(dtype=wp.float64),
+        rest: wp.array(dtype=wp.vec3d),
         reach: wp.float64,
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
@@ -464,17 +468,27 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             here, x = met(at, b, f, q)
             distance, n = nearby_gap(here, x, reach)
             if distance < reach:
-                touched = wp.float64(0.0)
+                tip = wp.vec3d(at.poses.tips[b][0], at.poses.tips[b][1], wp.float64(0.0))
+                touched, moments = wp.float64(0.0), _Moments()
                 for r in range(others.shape[1]):
-                    there = wp.vec3d()
+                    there, before = wp.vec3d(), wp.vec3d()
                     for k in range(others.shape[2]):
                         there += at.positions[b, at.surface.faces[f, k]] * others[q, r, k]
+                        before += rest[at.surface.faces[f, k]] * others[q, r, k]
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
                     touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
-                area = at.surface.areas[f, q] * touched / wp.float64(others.shape[1])
-                area = repeatable(area, at.surface.shift / at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 6, area)
+                    gap, _n = nearby_gap(here, before, at.surface.distance)
+                    g = wp.max(at.surface.distance - gap, wp.float64(0.0)) / reach
+                    c = (before - tip) / reach
+                    moments += g * _Moments(
+                        wp.float64(1.0), g, c[0], c[1], c[2], c[0] * c[0], c[1] * c[1], c[0] * c[1]
+                    )
+                share = at.surface.areas[f, q] / wp.float64(others.shape[1])
+                shift = at.surface.shift / at.surface.young[b]
+                wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
+                for k in range(8):
+                    wp.atomic_add(wrench_out, b, 8 + k, repeatable(share * moments[k], shift))
             v = wp.vec3d()
             formed = wp.float64(0.0)
             if distance < at.surface.distance:

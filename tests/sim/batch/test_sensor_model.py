@@ -34,6 +34,19 @@ def test_bias_and_what_remains_fall_with_the_edges() -> None:
     assert (fine.left < coarse.left).all()
 
 
+def test_a_light_contact_has_its_force_wherever_it_touches() -> None:
+    """A ball on one to five points: Hertz's force, stiffened by the base (Dimitriadis)."""
+    depth, radius, places = 0.08e-3, 2e-3, np.random.default_rng(7).uniform(-1e-3, 1e-3, (12, 2))
+    poses = np.tile([0.0, 0.0, PAD.height_m - depth, 0.0, 0.0, 0.0, 1.0], (12, 1))
+    poses[:, :2] = places
+    model = sensor_model(PAD, GEL, edge_m=2e-3)
+    found = Batch(model, [Sphere(diameter_m=2 * radius)], [0] * 12).step(poses)
+    chi, modulus = np.sqrt(radius * depth) / PAD.height_m, GEL.young_pa / (1 - GEL.poisson**2)
+    hertz_n = 4 / 3 * modulus * chi * PAD.height_m * depth * (1 + 1.133 * chi + 1.283 * chi**2)
+    assert np.abs(found.wrench[:, 2] / hertz_n - 1).max() < 0.05 < found.force_error.min()
+    assert np.ptp(found.raw_wrench[:, 2]) > 0.3 * hertz_n
+
+
 def test_shear_under_sticking_points_adds_to_the_bias() -> None:
     """The same ball at the same depth: the mesh adds more force with friction than without."""
     model = sensor_model(PAD, GEL, edge_m=2e-3, friction=1.0)
