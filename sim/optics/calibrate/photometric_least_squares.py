@@ -29,7 +29,7 @@ from sim.optics.colour.photometric import (
     polynomial_exponents,
     shapes_and_places,
 )
-from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
 
@@ -67,9 +67,9 @@ class PhotometricSamples:
         shown = zip(self.shares, self.surface, strict=True)
         return np.asarray(sum(share * values(points) for share, points in shown if share))
 
-    def thinned(self, step: int, precision: type = np.float32) -> PhotometricSamples:
-        """Return every so many of the samples."""
-        few = {name: getattr(self, name)[..., ::step].astype(precision) for name in _BY_SAMPLE}
+    def some(self, which: slice | BoolArray, precision: type = np.float32) -> PhotometricSamples:
+        """Return a part of the samples."""
+        few = {name: getattr(self, name)[..., which].astype(precision) for name in _BY_SAMPLE}
         return replace(self, **few)
 
 
@@ -177,7 +177,7 @@ def fit_photometric(
     held = np.ones(unknowns)
     if _span(presses) < (_WIDE_GRAZED if np.array_equal(exponents, GRAZED_EXPONENTS) else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
-    chosen = fit_ridge(parts, held) if ridge is None else ridge
+    chosen = ridge or fit_ridge(parts, [*map(_contact, known, presses)], held)
     coefficients = total.solved(chosen * held).T
     return PhotometricModel(
         exponents=exponents,
@@ -198,8 +198,17 @@ def _span(presses: Sequence[PhotometricSamples]) -> float:
     return float(np.ptp(places, axis=0).min()) / 2.0
 
 
-def fit_ridge(presses: Sequence[NormalEquations], held: FloatArray) -> float:
-    """Return the weight, times ``held``, with which presses are predicted best by the others.
+def _contact(features: FloatArray, press: PhotometricSamples) -> NormalEquations:
+    """Sum up the samples in a press's contact, which reaches to about half of its depth."""
+    depth_m = press.surface[0, 2]
+    inside = depth_m > 0.5 * depth_m.max()
+    return NormalEquations.of(features[:, inside], press.some(inside))
+
+
+def fit_ridge(
+    presses: Sequence[NormalEquations], contacts: Sequence[NormalEquations], held: FloatArray
+) -> float:
+    """Return the weight, times ``held``, with which contacts are predicted best by other presses.
 
     What a fit to some presses is made of is what that to all is made of, less what the rest are.
     """
@@ -208,7 +217,7 @@ def fit_ridge(presses: Sequence[NormalEquations], held: FloatArray) -> float:
     pairs = []
     for first in range(_GROUPS):
         rest = [press for i, press in enumerate(presses) if i % _GROUPS != first]
-        pairs.append((NormalEquations.total(rest), NormalEquations.total(presses[first::_GROUPS])))
+        pairs.append((NormalEquations.total(rest), NormalEquations.total(contacts[first::_GROUPS])))
     return min(
         _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge * held)) for rest, out in pairs)
     )
@@ -226,11 +235,11 @@ def fit_response(
     that bends only above the ``brightest`` level is a linear one.
     """
     known = np.concatenate(features, axis=1)
-    step = max(1, known.shape[1] // _RESPONSE_SAMPLES)
-    known = known[:, ::step]
+    few = slice(None, None, max(1, known.shape[1] // _RESPONSE_SAMPLES))
+    known = known[:, few]
 
     def misfit(knee: float) -> float:
-        seen = joined(presses_of(Response(knee=knee))).thinned(step)
+        seen = joined(presses_of(Response(knee=knee))).some(few)
         total = NormalEquations.of(known, seen)
         return total.misfit(total.solved(RIDGE)) / total.known_count
 
@@ -279,7 +288,7 @@ def fit_terms(
     Without lamps to start from they are searched all around.
     """
     step = max(1, samples.change.shape[1] // _SAMPLES)
-    few = samples.thinned(step, np.float64)  # slopes by differences want all digits
+    few = samples.some(slice(None, None, step), np.float64)  # slopes by differences want all digits
     search = _Search(few, aspect=aspect, crease_limit=float(np.abs(samples.surface[0, 3]).max()))
     if start is None:
         begin = search.all_around(lamp_count)

@@ -86,7 +86,7 @@ def _bent(*degrees: tuple[int, int, int, int]) -> IntArray:
 
 
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
-BALL_EXPONENTS = _bent((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
+BALL_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (1, 4, 1, 0))
 # Where lamps graze the gel, those of steep slopes do too.
 GRAZED_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
 
