@@ -10,7 +10,7 @@ from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas
 from sim.mesh.mirror_symmetry import WholeSurface
-from sim.scene.indenter import Indenter, MeshIndenter, grown, turned_triangles
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, grown, turned_triangles
 from sim.scene.triangle_surface import renumbered
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
@@ -61,6 +61,8 @@ class SurfaceState:
     # How far off the indenter the gel lies where it touches [m]: the contact distance d_hat, while
     # the indenter is the body itself
     standoff_m: float = 0.0
+    # How far the real wall of a punch lies within the indenter's [m]: a wide barrier's d_hat
+    wall_m: float = 0.0
     # Axis about which the mesh was revolved, x and y [m]; None where it was not
     mesh_axis_m: tuple[float, float] | None = None
 
@@ -180,6 +182,7 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
         indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
         standoff_m=options.distance_m - reach,
+        wall_m=reach if isinstance(path.indenter, Cylinder) else 0.0,
         mesh_axis_m=top.mesh_axis_m,
     )
 

@@ -30,7 +30,7 @@ class Relief:
     curvature: Float32Array  # radial curvature [1/m], likewise
     inside: Float32Array  # 1 in contact, 0 outside, likewise
     bulge: Float32Array  # height towards the camera over the unloaded gel [m], likewise
-    # 1 where the surface is tilted as the unloaded gel there is: under a ball; 0 elsewhere, likewise
+    # 1 where the surface is tilted as the gel under it: under a ball; 0 elsewhere, likewise
     leaning: Float32Array
     # Height that a tilt of one radian adds on its own side, over the radius [1], at multiples of
     # ``STEP_M``.
@@ -117,8 +117,8 @@ def _ending_in_zero(values: FloatArray) -> Float32Array:
 
 _STRIDE = 2  # of pixels: shadows are soft
 _LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as they grow longer
-# Each is less than the spread farther than the one before: else a wall's shadow ends in steps.
-_SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 4.5e-3, 45))
+# Each is half the spread farther than the one before: else a wall's shadow ends early, in steps.
+_SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 4.5e-3, 91))
 
 
 def visible_share(
@@ -132,13 +132,19 @@ def visible_share(
     """
     size = x.shape[::-1]
     coarse = tuple(-(-count // _STRIDE) for count in size)
-    x, y, *toward = (cv2.resize(part, coarse) for part in (x, y, *toward))  # middles of blocks
+    # In the middles of blocks of pixels
+    x, y, along_x, along_y, up = (
+        np.asarray(cv2.resize(part, coarse), np.float32) for part in (x, y, *toward)
+    )
     own = relief.bulge_at(x, y)
-    share = np.ones_like(x)
+    share, highest = np.ones_like(x), float(relief.bulge.max() - own.min())
+    grazing = float(up.min()) - 0.5 * _LIGHT_SPREAD
     for sample in _SAMPLES_M:
+        if sample * grazing > highest:
+            break  # nothing reaches up to the light from so far
         step = np.float32(sample)
-        there = relief.bulge_at(x + step * toward[0], y + step * toward[1])
-        clearance = own + step * toward[2] - there
+        there = relief.bulge_at(x + step * along_x, y + step * along_y)
+        clearance = own + step * up - there
         softness = np.float32(_LIGHT_SPREAD * sample)
         np.minimum(share, np.float32(0.5) + clearance / softness, out=share)
     visible = cv2.resize(np.clip(share, 0.0, 1.0), size, interpolation=cv2.INTER_LINEAR)
