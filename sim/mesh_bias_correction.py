@@ -74,6 +74,7 @@ class BiasRule:
     slope: float = 0.0  # for one of u
     gap: float = 0.0  # for one of d_hat over the depth
     squeeze: float = 0.0  # for one of u times depth over radius
+    layered: float = 0.0  # more for a gel of layers
     beside: float = 0.0  # more for a contact centred near the pad's outline
     over_width: bool = False  # all that for a pad as high as a body's radius, in proportion
 
@@ -84,6 +85,7 @@ class BiasRule:
         locking = self.slope + self.squeeze * depth / contact_radius(scene, depth)
         locking *= min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
         share = self.share + self.gap * scene.contact_distance_m / depth
+        share += self.layered * bool(scene.layers)
         slides = any((*scene.motion.shift_m, scene.motion.twist_rad))
         sticks = scene.contact is ContactMode.FRICTION and not slides
         if sticks and isinstance(scene.indenter, Sphere):
@@ -110,28 +112,28 @@ def fold_error(scene: Scene) -> float:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to
-# about 100 drawn scenes of seeds 20261501 and 20261502, the first to 184 of those and two more.
+# about 100 drawn scenes, the first to 175. Of each seed left out, 96 % kept what is stated.
 _RULES: dict[float, BiasRule] = {
-    1.0: BiasRule(gap=0.31, squeeze=0.0043, least_rest=0.0165, time_ratio=0.45, beside=0.0095),
+    1.0: BiasRule(
+        gap=0.29, squeeze=0.0042, layered=0.007, least_rest=0.0165, time_ratio=0.45, beside=0.0092
+    ),
     1.4: BiasRule(share=0.006, slope=0.0007, least_rest=0.007, time_ratio=0.6, beside=0.009),
     1.6: BiasRule(share=0.0045, slope=0.0006, least_rest=0.006, time_ratio=0.8, beside=0.0025),
-    2.2: BiasRule(share=0.0, slope=0.0005, least_rest=0.0095, time_ratio=3.1),
+    2.2: BiasRule(slope=0.0005, least_rest=0.0095, time_ratio=3.1),
 }
 # Meshes around a footprint are finer still at the contact's edge: 24 bodies of all kinds; edges of
 # 1/0.6: 40 bodies of triangles, of 1/1.6: 27.
 _ON_FOOTPRINT = {
     0.6: BiasRule(share=0.1, slope=0.006, over_width=True, least_rest=0.0325, time_ratio=0.15),
     1.0: BiasRule(share=0.027, least_rest=0.02, time_ratio=0.45),
-    1.6: BiasRule(share=0.003, least_rest=0.0095, time_ratio=1.0),
+    1.6: BiasRule(share=0.003, layered=0.007, least_rest=0.0095, time_ratio=1.0),
 }
 # So are revolved ones at a sharp rim, nineteen scenes.
 _AT_RIM = _ON_FOOTPRINT | {
     1.0: BiasRule(share=0.0175, slope=0.0022, least_rest=0.025, time_ratio=0.45, beside=0.012)
 }
-# Of layered gels on either, eight scenes.
-_LAYERED = {1.6: replace(_ON_FOOTPRINT[1.6], share=0.01)}
 # Of the bias.
-_REST = 0.45
+_REST = 0.4
 # Of F_z, and from which share of the height on: four presses on three meshes each, one on its own
 # path, were 0.1 to 2.6 % off, and a fifth's 6.4, 4.1 and 0.2 %.
 _FOLDED, _FOLD_SHARE = 0.045, 0.25
@@ -171,8 +173,6 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     rules = _AT_RIM if scene.has_sharp_rim else _RULES
     if mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT:
         rules = _ON_FOOTPRINT
-    if scene.layers and rules is not _RULES:
-        rules = rules | _LAYERED
     return {edges: rule for edges, rule in rules.items() if edges not in left_out}
 
 
@@ -194,11 +194,13 @@ def _was_drawn(scene: Scene) -> bool:
 def corrected_settings(scene: Scene) -> dict[Setting, RelativeCost]:
     """Return every setting whose bias is known, the cheapest first, with what will be stated."""
     way = WAY_WITH_FRICTION if scene.contact is ContactMode.FRICTION else WAY
-    return {
-        Setting(Preset.FAST, edges, way if edges >= 1.0 else WAY * edges): RelativeCost(
-            rule.time_ratio, rule.rest(scene)
-        )
+    settings = {
+        Setting(Preset.FAST, edges, way if edges >= 1.0 else WAY * edges): rule
         for edges, rule in rules_of(scene).items()
+    }
+    return {
+        setting: RelativeCost(rule.time_ratio, rule.rest(setting.applied(scene)))
+        for setting, rule in settings.items()
     }
 
 
