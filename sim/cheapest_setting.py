@@ -7,7 +7,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_with_effects import coarse_press
 from sim.error_estimate import coarse_reference, estimate_from
-from sim.mesh_bias_correction import RelativeCost, Setting, corrected_settings
+from sim.mesh_bias_correction import RelativeCost, Setting, corrected_settings, fold_error
 from sim.scene.scene import Output, Preset, Scene
 from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import ConfigError, RigError, TimeLimitError
@@ -71,7 +71,10 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
             remedy="choose a preset instead",
         ) from failure
     allowed = tolerance.of(force)
-    believed = {setting: worth.error_ratio * error for setting, worth in RELATIVE_COSTS.items()}
+    believed = {
+        setting: max(worth.error_ratio * error, fold_error(scene))
+        for setting, worth in RELATIVE_COSTS.items()
+    }
     cheapest = _cheapest(scene, believed, allowed)
     if cheapest is not None:
         return cheapest

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.press_outputs import PressOutputs
 from sim.effects.press_with_effects import COARSE_RATIOS, CoarsePress, coarse_press
+from sim.mesh_bias_correction import fold_error
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import ConvergenceError, RigError, TimeLimitError
@@ -192,7 +193,7 @@ def estimate_from(
         relative[Output.SHEAR] = 0.0
     # Where a load falls, it came to another equilibrium; another mesh may have kept the first one.
     fell = max(found.fell_relative, coarse.outputs.fell_relative)
-    relative[Output.FORCE] += fell
+    relative[Output.FORCE] = max(relative[Output.FORCE] + fell, fold_error(scene))
     if scene.target.force_n is None:
         del relative[Output.DEPTH]
     else:

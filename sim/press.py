@@ -31,6 +31,9 @@ from tacauchy_rig.core.time_limit_and_progress import doing, time_limit, told
 # The paper's two algorithms are at most 20 and 41 % apart in presses whose force is right, under
 # sharp punches pressed by 30 % of the gel; where an indenter had passed through, 197 %.
 _GAP_MOST, _APART_MOST = 0.5, 1.0
+# Where gel is inside out at a rim, its stress is wrong there, and not the force: two drawn presses
+# 9 and 12 % apart, one of them within 0.2 % of a finer mesh.
+_GAP_AT_RIM = 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +198,14 @@ def measure(
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
     traction_gap, apart = stress_gaps(model, point, recovered)
-    _refuse_contradiction(model, point, traction_gap, apart)
+    if corrected is not None and traction_gap < _GAP_AT_RIM and apart > _APART_MOST:
+        corrected = replace(
+            corrected,
+            error_relative=corrected.error_relative + traction_gap,
+            basis=f"{corrected.basis}, {traction_gap:.2%} between sigma n and the force",
+        )
+    else:
+        _refuse_contradiction(model, point, traction_gap, apart)
     ratio_min, judged = point.equilibrium.min_jacobian, guaranteed(scene)
     error = error.beyond_rules(scene, depth_m=point.depth_m, gap=traction_gap, ratio_min=ratio_min)
     stated = error.relative.get(judged) if corrected is None else corrected.error_relative

@@ -293,6 +293,7 @@ def replay_alone(
         fields = trial_fields(end.path, end.point)
         wall = {"solve_s": solve_s, "fields_s": time.perf_counter() - solved, "estimate_s": 0.0}
         result = measure(scene, end.path, end.point, plan=plan, wall_s=wall, corrected=corrected)
+    corrected = result.corrected or corrected
     force_n, depth_m = corrected.force_n, corrected.depth_m
     way = end.way_path.history
     raised = force_n / way[-1][1], depth_m / way[-1][0]
