@@ -121,9 +121,10 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    if scene.path_refinement is not None and scene.refinement <= 1.0:
-        share = _ROUGH_END
-    return SolverOptions(residual_relative=share, load_relative=share)
+    ends_roughly = scene.path_refinement is not None and scene.refinement <= 1.0
+    return SolverOptions(
+        residual_relative=_ROUGH_END if ends_roughly else share, load_relative=share
+    )
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
