@@ -132,6 +132,10 @@ _ON_FOOTPRINT = {
 _AT_RIM = _ON_FOOTPRINT | {
     1.0: BiasRule(share=0.0175, slope=0.0022, least_rest=0.025, time_ratio=0.45, beside=0.012)
 }
+# So are footprint meshes of sharp punches, which tilt there: edges of 1/0.6, nine scenes.
+_ON_TILTED_RIM = _ON_FOOTPRINT | {
+    0.6: BiasRule(share=0.038, slope=0.0055, least_rest=0.044, time_ratio=0.15)
+}
 # Of the bias.
 _REST = 0.4
 # Of F_z, and from which share of the height on: four presses on three meshes each, one on its own
@@ -166,13 +170,15 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     if not _was_drawn(scene):
         return {}
     is_mesh = isinstance(scene.indenter, MeshIndenter)
-    left_out = set() if is_mesh and not scene.layers else {0.6}
+    is_on_footprint = mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT
+    is_tilted_punch = is_on_footprint and scene.has_sharp_rim
+    left_out = set() if (is_mesh or is_tilted_punch) and not scene.layers else {0.6}
     is_ball = isinstance(scene.indenter, Sphere)
     if not is_ball or scene.contact is ContactMode.FRICTION:  # punches vary more there
         left_out.add(1.4)
     rules = _AT_RIM if scene.has_sharp_rim else _RULES
-    if mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT:
-        rules = _ON_FOOTPRINT
+    if is_on_footprint:
+        rules = _ON_TILTED_RIM if is_tilted_punch else _ON_FOOTPRINT
     return {edges: rule for edges, rule in rules.items() if edges not in left_out}
 
 

@@ -36,11 +36,12 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
+# On edges of preset fast or longer with a way of its own, an end may be as rough as this.
+_ROUGH_END = 2e-4
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
-# Where a tolerance leaves a way as much as this, its steps are so many times longer: F_z of 39
-# drawn presses changes by at most 0.1 %, for three quarters of the time.
-_ROUGH_FROM, _ROUGH_STEPS = 0.1, 2.0
+# Where a tolerance leaves a way as much as this, its steps are so many times longer.
+_ROUGH_FROM, _ROUGH_STEPS = 0.1, 4.0
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
 # 2.0 %, for 1.3 to 1.8 times the time.
@@ -120,7 +121,10 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    return SolverOptions(residual_relative=share, load_relative=share)
+    ends_roughly = scene.path_refinement is not None and scene.refinement <= 1.0
+    return SolverOptions(
+        residual_relative=_ROUGH_END if ends_roughly else share, load_relative=share
+    )
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -258,6 +262,8 @@ def way_of(scene: Scene) -> Scene:
     """Return a scene on the mesh of its way."""
     refinement = scene.path_refinement or scene.refinement
     rougher = scene.tolerance and _WAY_ROUGHER * scene.tolerance
+    if rougher and scene.refinement <= 1.0:
+        rougher = max(rougher, _ROUGH_FROM)
     return replace(scene, refinement=refinement, path_refinement=None, tolerance=rougher)
 
 

@@ -268,7 +268,8 @@ class StiffnessFactor:
             ConvergenceError: No safe matrix was found.
         """
         model = self._model
-        for attempt in range(first, 2 + len(_SHIFTS)):
+        # What was indefinite is likely to be so again.
+        for attempt in range(max(first, min(self.attempt, 1)), 2 + len(_SHIFTS)):
             contact = model.surface.forces(
                 state.positions, self._indenter, state, curved=attempt == 0
             )
