@@ -47,16 +47,19 @@ def scene_from(words: str) -> Scene:
         ConfigError: An option or a value is not understood, or the scene is not complete.
     """
     given: dict[str, Any] = {}
-    options, values = (shlex.split(words)[start::2] for start in (0, 1))
     try:
-        for option, value in zip(options, values, strict=True):
+        parts = shlex.split(words)
+        if len(parts) % 2:
+            raise ValueError(f"{parts[-1]} has no value")
+        for option, value in zip(parts[::2], parts[1::2], strict=True):
             name = option.removeprefix("--")
             read = _READERS.get(name, str)(value)
             given[name] = [*given.get(name, ()), read] if name in _REPEATED else read
         terms = SceneTerms(**given)
     except (TypeError, ValueError) as error:
         raise ConfigError(
-            f"{words}: {error}", remedy="write options as `tacauchy-rig press --help` lists them"
+            f"{words}: {str(error).removeprefix('SceneTerms.__init__() ')}",
+            remedy="write options as `tacauchy-rig press --help` lists them",
         ) from error
     return scene_of(terms)
 

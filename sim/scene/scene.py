@@ -187,8 +187,8 @@ class Target:
                 "a press needs either a depth or a force", remedy="give exactly one of the two"
             )
         value = self.depth_m if self.depth_m is not None else self.force_n
-        if value is not None and not value >= 0.0:
-            raise ConfigError(f"press target {value:g} is negative", remedy="give 0 or more")
+        if value is not None and not 0.0 <= value < math.inf:
+            raise ConfigError(f"press target {value:g} cannot be", remedy="give 0 or more")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,6 +235,13 @@ class Scene:
     barrier_m: float | None = None
     tetwild: TetWildOptions = field(default_factory=TetWildOptions)
     sensor: str = ""
+
+    def __post_init__(self) -> None:
+        for name, kind in (("contact", ContactMode), ("drive", Drive), ("preset", Preset)):
+            value = getattr(self, name)
+            if value not in [*kind]:
+                raise ConfigError(f"{name} {value!r} is none", remedy=f"one of: {', '.join(kind)}")
+            object.__setattr__(self, name, kind(value))  # a word is one of them, too
 
     @property
     def materials(self) -> tuple[Material, ...]:

@@ -41,6 +41,9 @@ def test_digits_shifted_by_a_unit_are_exact() -> None:
         drive=Drive.SEARCH,
         outputs=frozenset({Output.IMAGE, Output.MARKERS}),
     )
+    assert replace(scene, preset="fast", drive="search", contact="friction").has_wide_barrier
+    with pytest.raises(ConfigError, match="preset 'best' is none"):
+        replace(scene, preset="best")
 
 
 def test_words_that_state_no_scene_are_refused() -> None:
@@ -49,7 +52,9 @@ def test_words_that_state_no_scene_are_refused() -> None:
         scene_from("--indenter plane --depth 1mm")
     for words, problem in (
         ("--sensor digit --indenter plane --dept 1mm", "dept"),
-        ("--sensor digit --indenter plane --depth", "shorter"),
+        ("--sensor digit --indenter plane --depth", "--depth has no value"),
+        ("--sensor digit --depth 1mm", "1mm: missing .*'indenter'"),
+        ("--sensor 'digit --depth 1mm", "No closing quotation"),
         ("--sensor digit --indenter plane --depth 1mm --preset best", "best"),
     ):
         with pytest.raises(ConfigError, match=problem):

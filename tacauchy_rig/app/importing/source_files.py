@@ -91,9 +91,7 @@ class Source:
 
     def __init__(self, root: Path) -> None:
         if not root.is_dir():
-            raise RecordError(
-                f"{root}: no such folder to import", remedy="give the folder that import.toml is in"
-            )
+            raise RecordError(f"{root}: no such folder", remedy="check the path")
         self.root = root.resolve()
         self.name = self.root.name
         self.hashes: dict[str, str] = {}

@@ -63,8 +63,9 @@ def read_outputs(folder: Path, asked: Asked) -> Outputs:
         RecordError: A press is missing, or a file is odd; names file, value and remedy.
         ConfigError: ``simulator.toml`` is damaged, or a unit or the colour order is not stated.
     """
+    source = Source(folder)
     with naming(str(folder)):
-        return _read(Source(folder), asked)
+        return _read(source, asked)
 
 
 def _read(source: Source, asked: Asked) -> Outputs:

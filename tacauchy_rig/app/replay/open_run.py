@@ -8,14 +8,14 @@ from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.store.run_store import RunStore
 
 
-def open_run(folder: Path) -> RunReading:
+def open_run(folder: Path | str) -> RunReading:
     """Open a run; forces and images are read when they are first asked for, and kept.
 
     Raises:
         RecordError: The folder is not a run, or its description is damaged.
         ConfigError: Its configuration is no longer accepted.
     """
-    store = RunStore.open(folder)
+    store = RunStore.open(Path(folder))
     return RunReading(store, scored_geometry(load_sensor(store.config.sensor.name)))
 
 

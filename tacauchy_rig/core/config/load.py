@@ -75,7 +75,10 @@ def explain(
     error: ValidationError, tables: Mapping[str, Any], model: type[BaseModel]
 ) -> Iterator[str]:
     """Yield one line for each wrong field, shortened where it is long beyond reading."""
-    lines = list(dict.fromkeys(_line(problem, tables, model) for problem in error.errors()))
+    found = error.errors()
+    wrong = {problem["loc"][:-1] for problem in found}  # a list with a wrong value is not too short
+    told = (each for each in found if each["type"] != "too_short" or each["loc"] not in wrong)
+    lines = list(dict.fromkeys(_line(problem, tables, model) for problem in told))
     for line in lines[:_LINES_MOST]:
         half = _LINE_MOST // 2
         yield line if len(line) <= _LINE_MOST else f"{line[:half]} ... {line[-half:]}"
