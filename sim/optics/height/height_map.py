@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from scipy import sparse
 from scipy.interpolate import CubicSpline
 
 from sim.contact.indenter_distance import Poses, body_of, poses_at
@@ -196,8 +195,6 @@ class SurfaceHeights:
         if self._is_quadratic:
             tables |= cut_tables(top.faces, len(top.rest)) | {"facets": QUARTERS}
             tables |= {} if axis is None else round_rings(top.rest, top.faces, axis)
-        else:
-            tables |= two_rings(top.faces, len(top.rest))
         middle = wp.vec2d(*(axis or (0.0, 0.0)))
         self._gel = self._device.tables(kernels.Gel, tables, axis=middle, **lengths_m)
 
@@ -235,11 +232,8 @@ class SurfaceHeights:
     def _draw_nodes(self, count: int) -> None:
         """Find slopes at the nodes of the first surfaces, and draw their facets."""
         gel, canvas, launch = self._gel, self._canvas, self._device.launch
-        if self._is_quadratic:
-            canvas.sums.zero_()
-            launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
-        else:
-            launch(kernels.fit_slopes, (count, len(gel.sources)), [gel], [canvas])
+        canvas.sums.zero_()
+        launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
         faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
@@ -408,15 +402,3 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
         "beside": beside,
         "place": place,
     }
-
-
-def two_rings(triangles: IntArray, node_count: int) -> dict[str, IntArray]:
-    """Return the nodes at most two edges from each node, as tables of ``slope_kernel.Gel``."""
-    start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
-    end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
-    one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)
-    rings = (one_ring + one_ring @ one_ring).tolil()
-    rings.setdiag(0.0)
-    found = rings.tocsr()
-    found.eliminate_zeros()
-    return {"neighbour_starts": found.indptr, "neighbours": found.indices}
