@@ -33,7 +33,7 @@ from sim.optics.height.pixel_height_kernel import (
     View,
     bound_heights,
     draw_facets,
-    note_nearest_rows,
+    fill_bare,
 )
 from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
@@ -243,8 +243,9 @@ class SurfaceHeights:
             launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
-        columns = (count, self._size[1])
-        self._device.launch(note_nearest_rows, columns, [self._view], [self._canvas])
+        for by_columns in (True, False):
+            lines = (count, self._size[int(by_columns)])
+            self._device.launch(fill_bare, lines, [self._view, by_columns], [self._canvas])
         inputs = [self._gel, self._view, self._body, poses, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
 

@@ -180,56 +180,26 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def note_nearest_rows(view: View, canvas: Canvas):
-    """Add to bare pixels twice the rows to the nearest covered one of their column, odd if below.
+def fill_bare(view: View, by_columns: wp.bool, canvas: Canvas):
+    """Give bare pixels the height of the nearest covered one of their column, or of their row.
 
-    Nothing is added where the whole column is bare.
+    Nothing changes where all of it is bare.
     """
-    env, column = wp.tid()
-    bare, above = wp.int32(0), wp.int32(-1)
-    for row in range(view.rows):
-        pixel = row * view.columns + column
-        if canvas.heights[env, pixel] < BARE_M:
-            above = row
-        else:
-            bare += 1
-            if above >= 0:
-                canvas.heights[env, pixel] = BARE_M + wp.float64(2 * (row - above))
-    below = wp.int32(-1)
-    for turn in range(wp.where(bare > 0, view.rows, 0)):
-        row = view.rows - 1 - turn
-        pixel = row * view.columns + column
-        noted = canvas.heights[env, pixel]
-        if noted < BARE_M:
-            below = row
-        elif below >= 0:
-            rows = wp.float64(2 * (below - row))
-            if noted == BARE_M or BARE_M + rows < noted:
-                canvas.heights[env, pixel] = BARE_M + rows + wp.float64(1.0)
-
-
-@wp.func
-def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int):
-    """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
-    height = wp.float64(wp.nan)
-    best = view.columns * view.columns + view.rows * view.rows
-    for aside in range(view.columns):
-        if aside * aside >= best:
-            break
-        for side in range(2):
-            there = column + (2 * side - 1) * aside
-            if there >= 0 and there < view.columns:
-                seen = canvas.heights[env, row * view.columns + there]
-                noted = wp.int32(0)
-                if seen >= BARE_M:
-                    noted = wp.int32(seen - BARE_M)
-                off = noted / 2
-                apart = aside * aside + off * off
-                if seen != BARE_M and apart < best:
-                    best = apart
-                    found = row + wp.where(noted % 2 == 1, off, -off)
-                    height = canvas.heights[env, found * view.columns + there]
-    return height
+    env, line = wp.tid()
+    count = wp.where(by_columns, view.rows, view.columns)
+    step = wp.where(by_columns, view.columns, 1)
+    first = wp.where(by_columns, line, line * view.columns)
+    before = wp.int32(-1)
+    for k in range(count + 1):
+        if k == count or canvas.heights[env, first + wp.min(k, count - 1) * step] < BARE_M:
+            for n in range(before + 1, k):
+                nearest = k
+                if k == count or (before >= 0 and n - before <= k - n):
+                    nearest = before
+                if nearest >= 0:
+                    height = canvas.heights[env, first + nearest * step]
+                    canvas.heights[env, first + n * step] = height
+            before = k
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -245,12 +215,12 @@ def bound_heights(
     loaded_out: wp.array2d(dtype=wp.float64),
     contact_out: wp.array2d(dtype=wp.uint8),
 ):
-    """Fill bare pixels, and bound the gel by the indenter: under it where facets are pressed."""
+    """Bound the gel by the indenter: under it where facets are pressed; NaN if all is bare."""
     env, row, column = wp.tid()
     pixel = row * view.columns + column
     height = canvas.heights[env, pixel]
     if height >= BARE_M:
-        height = _nearest_height(view, canvas, env, row, column)
+        height = wp.float64(wp.nan)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
     ceiling = underside(bodies, poses, gel.standoff, env, place[0], place[1])
     if ceiling < BESIDE and not wp.isnan(height):
