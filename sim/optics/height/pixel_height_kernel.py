@@ -13,7 +13,6 @@ from sim.optics.height.slope_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel,
 from sim.scene.triangle_distance import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
-_KINK_SLOPE = wp.constant(wp.float64(0.8))
 _WEIGHT_LEAST = wp.constant(wp.float64(1.0e-36))
 _LENGTH_LEAST_M2 = wp.constant(wp.float64(1.0e-30))
 # Height of what no facet covers, and the floor of facets that have none [m].
@@ -92,18 +91,6 @@ def _height_on(p: Patches, at: wp.vec3d):
 
 
 @wp.func
-def _plane_slope(at: _Corners, heights: wp.vec3d):
-    """Return the slope of the flat facet."""
-    u, v = at[1] - at[0], at[2] - at[0]
-    rise, other = heights[1] - heights[0], heights[2] - heights[0]
-    area = u[0] * v[1] - u[1] * v[0]
-    slope = wp.vec2d()
-    if area != wp.float64(0.0):
-        slope = wp.vec2d(rise * v[1] - other * u[1], other * u[0] - rise * v[0]) / area
-    return slope
-
-
-@wp.func
 def _pixel(place: wp.float64, least: int, most: int):
     return int(wp.clamp(place, wp.float64(least), wp.float64(most)))
 
@@ -113,9 +100,7 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
     """Draw the facets of parts, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
-    rim, that of the free gel. A facet with one foot in the contact whose corner slope differs much
-    from its own plane has the rim inside or on its edge; a cubic through that slope would dip below
-    the rim, so that it is drawn flat. Beside the contact the gel only rises.
+    rim, that of the free gel. Beside the contact the gel only rises.
     """
     env, number, lane = wp.tid()
     facets = gel.facets.shape[0]
@@ -157,13 +142,6 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
     floor = -BARE_M
     if touching > 0:
         floor = wp.min(wp.min(z[0], z[1]), z[2])
-        plane = _plane_slope(at, z)
-        bend = wp.float64(0.0)
-        for c in range(3):
-            bend = wp.max(bend, wp.length(corner_slopes[c] - plane))
-        if bend > _KINK_SLOPE:
-            for c in range(3):
-                corner_slopes[c] = plane
     patches = _patches(at, z, corner_slopes)
     per_area = wp.float64(1.0) / area
     for n in range(lane, count, lanes):
