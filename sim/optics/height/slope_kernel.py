@@ -100,9 +100,9 @@ _STEEP_SLOPE = wp.constant(wp.float64(0.5))
 # Of a face's area over twice that of its parameters [m^2]: less has no slope.
 _FLAT_M2 = wp.constant(wp.float64(1.0e-18))
 _SLOPE_STEP_M = wp.constant(wp.float64(1.0e-6))
-# What of a node is so: the first three by the indenter, the others by the faces around it.
+# What of a node is so: the first three by the indenter, the last by the faces around it.
 TOUCHES, COVERED, SMOOTH = wp.constant(1), wp.constant(2), wp.constant(4)
-FREE, AT_RIM = wp.constant(8), wp.constant(16)
+AT_RIM = wp.constant(8)
 
 
 @wp.struct
@@ -305,26 +305,12 @@ def is_part(canvas: Canvas, env: int, part: int):
     return canvas.steep[env, (part - faces) / _SIXTEEN] == 1
 
 
-@wp.func
-def _touching_count(gel: Gel, canvas: Canvas, env: int, part: int):
-    """Return how many nodes of a part touch."""
-    count = wp.int32(0)
-    for k in range(gel.parts.shape[1]):
-        if canvas.states[env, gel.parts[part, k]] & TOUCHES:
-            count += 1
-    return count
-
-
 @wp.kernel(enable_backward=False)
 def mark_edges(gel: Gel, canvas: Canvas):
-    """Mark nodes of parts that do not touch with all of theirs, and of facets not all covered."""
+    """Mark nodes of facets that are not all covered."""
     env, part = wp.tid()
     if not is_part(canvas, env, part):
         return
-    width = gel.parts.shape[1]
-    if _touching_count(gel, canvas, env, part) < width:
-        for k in range(width):
-            wp.atomic_or(canvas.states, env, gel.parts[part, k], FREE)
     for facet in range(gel.facets.shape[0]):
         covered = COVERED
         for c in range(3):
@@ -337,19 +323,11 @@ def mark_edges(gel: Gel, canvas: Canvas):
 
 @wp.kernel(enable_backward=False)
 def add_slopes(gel: Gel, canvas: Canvas):
-    """Add the slopes of parts at their nodes, weighted by areas, and the weights.
-
-    Parts that touch with all their nodes do not count at the edge of the contact.
-    """
+    """Add the slopes of parts at their nodes, weighted by areas, and the weights."""
     env, part = wp.tid()
     if not is_part(canvas, env, part):
         return
-    width = gel.parts.shape[1]
-    pressed = _touching_count(gel, canvas, env, part) == width
-    for k in range(width):
-        node = gel.parts[part, k]
-        if pressed and (canvas.states[env, node] & FREE) > 0:
-            continue
+    for k in range(gel.parts.shape[1]):
         s, t = _tangents(canvas, gel.parts, env, part, k)
         area = s[0] * t[1] - s[1] * t[0]
         weighed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.abs(area))
@@ -357,4 +335,4 @@ def add_slopes(gel: Gel, canvas: Canvas):
             turn = wp.sign(area)
             weighed[0] = turn * (t[1] * s[2] - s[1] * t[2])
             weighed[1] = turn * (s[0] * t[2] - t[0] * s[2])
-        wp.atomic_add(canvas.sums, env, node, weighed)
+        wp.atomic_add(canvas.sums, env, gel.parts[part, k], weighed)
