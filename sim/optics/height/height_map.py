@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from scipy import sparse
 from scipy.interpolate import CubicSpline
 
 from sim.contact.indenter_distance import Poses, body_of, poses_at
@@ -34,7 +33,7 @@ from sim.optics.height.pixel_height_kernel import (
     View,
     bound_heights,
     draw_facets,
-    note_nearest_rows,
+    fill_bare,
 )
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
@@ -211,8 +210,6 @@ class SurfaceHeights:
         if self._is_quadratic:
             tables |= cut_tables(top.faces, len(top.rest)) | {"facets": QUARTERS}
             tables |= {} if axis is None else round_rings(top.rest, top.faces, axis)
-        else:
-            tables |= two_rings(top.faces, len(top.rest))
         middle = wp.vec2d(*(axis or (0.0, 0.0)))
         self._gel = self._device.tables(kernels.Gel, tables, axis=middle, **lengths_m)
 
@@ -250,11 +247,8 @@ class SurfaceHeights:
     def _draw_nodes(self, count: int) -> None:
         """Find slopes at the nodes of the first surfaces, and draw their facets."""
         gel, canvas, launch = self._gel, self._canvas, self._device.launch
-        if self._is_quadratic:
-            canvas.sums.zero_()
-            launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
-        else:
-            launch(kernels.fit_slopes, (count, len(gel.sources)), [gel], [canvas])
+        canvas.sums.zero_()
+        launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
         faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
@@ -264,8 +258,9 @@ class SurfaceHeights:
             launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
-        columns = (count, self._size[1])
-        self._device.launch(note_nearest_rows, columns, [self._view], [self._canvas])
+        for by_columns in (True, False):
+            lines = (count, self._size[int(by_columns)])
+            self._device.launch(fill_bare, lines, [self._view, by_columns], [self._canvas])
         inputs = [self._gel, self._view, self._body, poses, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
 
@@ -423,15 +418,3 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
         "beside": beside,
         "place": place,
     }
-
-
-def two_rings(triangles: IntArray, node_count: int) -> dict[str, IntArray]:
-    """Return the nodes at most two edges from each node, as tables of ``slope_kernel.Gel``."""
-    start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
-    end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
-    one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)
-    rings = (one_ring + one_ring @ one_ring).tolil()
-    rings.setdiag(0.0)
-    found = rings.tocsr()
-    found.eliminate_zeros()
-    return {"neighbour_starts": found.indptr, "neighbours": found.indices}

@@ -13,7 +13,6 @@ from sim.optics.height.slope_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel,
 from sim.scene.triangle_distance import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
-_KINK_SLOPE = wp.constant(wp.float64(0.8))
 _WEIGHT_LEAST = wp.constant(wp.float64(1.0e-36))
 _LENGTH_LEAST_M2 = wp.constant(wp.float64(1.0e-30))
 # Height of what no facet covers, and the floor of facets that have none [m].
@@ -92,18 +91,6 @@ def _height_on(p: Patches, at: wp.vec3d):
 
 
 @wp.func
-def _plane_slope(at: _Corners, heights: wp.vec3d):
-    """Return the slope of the flat facet."""
-    u, v = at[1] - at[0], at[2] - at[0]
-    rise, other = heights[1] - heights[0], heights[2] - heights[0]
-    area = u[0] * v[1] - u[1] * v[0]
-    slope = wp.vec2d()
-    if area != wp.float64(0.0):
-        slope = wp.vec2d(rise * v[1] - other * u[1], other * u[0] - rise * v[0]) / area
-    return slope
-
-
-@wp.func
 def _pixel(place: wp.float64, least: int, most: int):
     return int(wp.clamp(place, wp.float64(least), wp.float64(most)))
 
@@ -113,9 +100,7 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
     """Draw the facets of parts, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
-    rim, that of the free gel. A facet with one foot in the contact whose corner slope differs much
-    from its own plane has the rim inside or on its edge; a cubic through that slope would dip below
-    the rim, so that it is drawn flat. Beside the contact the gel only rises.
+    rim, that of the free gel. Beside the contact the gel only rises.
     """
     env, number, lane = wp.tid()
     facets = gel.facets.shape[0]
@@ -157,13 +142,6 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
     floor = -BARE_M
     if touching > 0:
         floor = wp.min(wp.min(z[0], z[1]), z[2])
-        plane = _plane_slope(at, z)
-        bend = wp.float64(0.0)
-        for c in range(3):
-            bend = wp.max(bend, wp.length(corner_slopes[c] - plane))
-        if bend > _KINK_SLOPE:
-            for c in range(3):
-                corner_slopes[c] = plane
     patches = _patches(at, z, corner_slopes)
     per_area = wp.float64(1.0) / area
     for n in range(lane, count, lanes):
@@ -180,56 +158,26 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def note_nearest_rows(view: View, canvas: Canvas):
-    """Add to bare pixels twice the rows to the nearest covered one of their column, odd if below.
+def fill_bare(view: View, by_columns: wp.bool, canvas: Canvas):
+    """Give bare pixels the height of the nearest covered one of their column, or of their row.
 
-    Nothing is added where the whole column is bare.
+    Nothing changes where all of it is bare.
     """
-    env, column = wp.tid()
-    bare, above = wp.int32(0), wp.int32(-1)
-    for row in range(view.rows):
-        pixel = row * view.columns + column
-        if canvas.heights[env, pixel] < BARE_M:
-            above = row
-        else:
-            bare += 1
-            if above >= 0:
-                canvas.heights[env, pixel] = BARE_M + wp.float64(2 * (row - above))
-    below = wp.int32(-1)
-    for turn in range(wp.where(bare > 0, view.rows, 0)):
-        row = view.rows - 1 - turn
-        pixel = row * view.columns + column
-        noted = canvas.heights[env, pixel]
-        if noted < BARE_M:
-            below = row
-        elif below >= 0:
-            rows = wp.float64(2 * (below - row))
-            if noted == BARE_M or BARE_M + rows < noted:
-                canvas.heights[env, pixel] = BARE_M + rows + wp.float64(1.0)
-
-
-@wp.func
-def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int):
-    """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
-    height = wp.float64(wp.nan)
-    best = view.columns * view.columns + view.rows * view.rows
-    for aside in range(view.columns):
-        if aside * aside >= best:
-            break
-        for side in range(2):
-            there = column + (2 * side - 1) * aside
-            if there >= 0 and there < view.columns:
-                seen = canvas.heights[env, row * view.columns + there]
-                noted = wp.int32(0)
-                if seen >= BARE_M:
-                    noted = wp.int32(seen - BARE_M)
-                off = noted / 2
-                apart = aside * aside + off * off
-                if seen != BARE_M and apart < best:
-                    best = apart
-                    found = row + wp.where(noted % 2 == 1, off, -off)
-                    height = canvas.heights[env, found * view.columns + there]
-    return height
+    env, line = wp.tid()
+    count = wp.where(by_columns, view.rows, view.columns)
+    step = wp.where(by_columns, view.columns, 1)
+    first = wp.where(by_columns, line, line * view.columns)
+    before = wp.int32(-1)
+    for k in range(count + 1):
+        if k == count or canvas.heights[env, first + wp.min(k, count - 1) * step] < BARE_M:
+            for n in range(before + 1, k):
+                nearest = k
+                if k == count or (before >= 0 and n - before <= k - n):
+                    nearest = before
+                if nearest >= 0:
+                    height = canvas.heights[env, first + nearest * step]
+                    canvas.heights[env, first + n * step] = height
+            before = k
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -245,12 +193,12 @@ def bound_heights(
     loaded_out: wp.array2d(dtype=wp.float64),
     contact_out: wp.array2d(dtype=wp.uint8),
 ):
-    """Fill bare pixels, and bound the gel by the indenter: under it where facets are pressed."""
+    """Bound the gel by the indenter: under it where facets are pressed; NaN if all is bare."""
     env, row, column = wp.tid()
     pixel = row * view.columns + column
     height = canvas.heights[env, pixel]
     if height >= BARE_M:
-        height = _nearest_height(view, canvas, env, row, column)
+        height = wp.float64(wp.nan)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
     ceiling = underside(bodies, poses, gel.standoff, env, place[0], place[1])
     if ceiling < BESIDE and not wp.isnan(height):

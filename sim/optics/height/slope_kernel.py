@@ -100,9 +100,9 @@ _STEEP_SLOPE = wp.constant(wp.float64(0.5))
 # Of a face's area over twice that of its parameters [m^2]: less has no slope.
 _FLAT_M2 = wp.constant(wp.float64(1.0e-18))
 _SLOPE_STEP_M = wp.constant(wp.float64(1.0e-6))
-# What of a node is so: the first three by the indenter, the others by the faces around it.
+# What of a node is so: the first three by the indenter, the last by the faces around it.
 TOUCHES, COVERED, SMOOTH = wp.constant(1), wp.constant(2), wp.constant(4)
-FREE, AT_RIM = wp.constant(8), wp.constant(16)
+AT_RIM = wp.constant(8)
 
 
 @wp.struct
@@ -110,7 +110,7 @@ class Gel:
     """How the drawn nodes follow a model's, and which of them make faces and parts.
 
     What a mesh does not call for is empty: steep faces that are cut (``height_map``), rings that
-    are drawn round, neighbours of nodes of linear faces.
+    are drawn round.
     """
 
     # Node of the model that each drawn one is, or mirrors, shape [node_count]
@@ -141,8 +141,6 @@ class Gel:
     # Of radius, turn and height of those in the middle in theirs, shape [ring_count, sector_count,
     # sector_count]
     weights: wp.array3d(dtype=wp.float64)
-    neighbour_starts: wp.array(dtype=wp.int32)  # where the neighbours of each node begin
-    neighbours: wp.array(dtype=wp.int32)  # nodes at most two edges away
 
 
 @wp.struct
@@ -208,17 +206,19 @@ def _face_node(k: int):
 
 @wp.func
 def _tangents(canvas: Canvas, faces: wp.array2d(dtype=wp.int32), env: int, f: int, k: int):
-    """Return the derivatives of a quadratic face along its edges 01 and 02, at its node ``k``."""
-    at = _face_node(k)
-    one, four = wp.float64(1.0), wp.float64(4.0)
+    """Return the derivatives of a face along its edges 01 and 02, at its node ``k``."""
     nodes = canvas.nodes
-    first = (one - four * at[0]) * nodes[env, faces[f, 0]]
-    b, c = nodes[env, faces[f, 1]], nodes[env, faces[f, 2]]
-    ab, bc, ca = nodes[env, faces[f, 3]], nodes[env, faces[f, 4]], nodes[env, faces[f, 5]]
-    along = first + (four * at[1] - one) * b + four * (at[0] - at[1]) * ab
-    along += four * at[2] * (bc - ca)
-    across = first + (four * at[2] - one) * c + four * (at[0] - at[2]) * ca
-    across += four * at[1] * (bc - ab)
+    a, b, c = nodes[env, faces[f, 0]], nodes[env, faces[f, 1]], nodes[env, faces[f, 2]]
+    along, across = b - a, c - a
+    if faces.shape[1] == 6:
+        at = _face_node(k)
+        one, four = wp.float64(1.0), wp.float64(4.0)
+        first = (one - four * at[0]) * a
+        ab, bc, ca = nodes[env, faces[f, 3]], nodes[env, faces[f, 4]], nodes[env, faces[f, 5]]
+        along = first + (four * at[1] - one) * b + four * (at[0] - at[1]) * ab
+        along += four * at[2] * (bc - ca)
+        across = first + (four * at[2] - one) * c + four * (at[0] - at[2]) * ca
+        across += four * at[1] * (bc - ab)
     return along, across
 
 
@@ -305,26 +305,12 @@ def is_part(canvas: Canvas, env: int, part: int):
     return canvas.steep[env, (part - faces) / _SIXTEEN] == 1
 
 
-@wp.func
-def _touching_count(gel: Gel, canvas: Canvas, env: int, part: int):
-    """Return how many nodes of a part touch."""
-    count = wp.int32(0)
-    for k in range(gel.parts.shape[1]):
-        if canvas.states[env, gel.parts[part, k]] & TOUCHES:
-            count += 1
-    return count
-
-
 @wp.kernel(enable_backward=False)
 def mark_edges(gel: Gel, canvas: Canvas):
-    """Mark nodes of parts that do not touch with all of theirs, and of facets not all covered."""
+    """Mark nodes of facets that are not all covered."""
     env, part = wp.tid()
     if not is_part(canvas, env, part):
         return
-    width = gel.parts.shape[1]
-    if _touching_count(gel, canvas, env, part) < width:
-        for k in range(width):
-            wp.atomic_or(canvas.states, env, gel.parts[part, k], FREE)
     for facet in range(gel.facets.shape[0]):
         covered = COVERED
         for c in range(3):
@@ -337,18 +323,11 @@ def mark_edges(gel: Gel, canvas: Canvas):
 
 @wp.kernel(enable_backward=False)
 def add_slopes(gel: Gel, canvas: Canvas):
-    """Add the slopes of quadratic parts at their nodes, weighted by areas, and the weights.
-
-    Parts that touch with all their nodes do not count at the edge of the contact.
-    """
+    """Add the slopes of parts at their nodes, weighted by areas, and the weights."""
     env, part = wp.tid()
     if not is_part(canvas, env, part):
         return
-    pressed = _touching_count(gel, canvas, env, part) == 6
-    for k in range(6):
-        node = gel.parts[part, k]
-        if pressed and (canvas.states[env, node] & FREE) > 0:
-            continue
+    for k in range(gel.parts.shape[1]):
         s, t = _tangents(canvas, gel.parts, env, part, k)
         area = s[0] * t[1] - s[1] * t[0]
         weighed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.abs(area))
@@ -356,73 +335,4 @@ def add_slopes(gel: Gel, canvas: Canvas):
             turn = wp.sign(area)
             weighed[0] = turn * (t[1] * s[2] - s[1] * t[2])
             weighed[1] = turn * (s[0] * t[2] - t[0] * s[2])
-        wp.atomic_add(canvas.sums, env, node, weighed)
-
-
-_TERMS = wp.constant(5)
-_Normal = wp.types.matrix(shape=(5, 5), dtype=wp.float64)
-_Load = wp.types.vector(length=5, dtype=wp.float64)
-# Of the matrix' trace: on slopes, and on curvatures, which few neighbours do not settle.
-_RIDGE_SLOPE = wp.constant(wp.float64(1.0e-9))
-_RIDGE_CURVATURE = wp.constant(wp.float64(1.0e-6))
-# Added to squared distances over the mean one, so that no neighbour counts for all.
-_NEAREST = wp.constant(wp.float64(1.0e-3))
-_TRACE_LEAST = wp.constant(wp.float64(1.0e-12))
-
-
-@wp.func
-def _solved(matrix: _Normal, load: _Load):
-    """Eliminate without pivoting: the matrix is positive definite."""
-    for i in range(_TERMS):
-        for j in range(i + 1, _TERMS):
-            factor = matrix[j, i] / matrix[i, i]
-            for k in range(i, _TERMS):
-                matrix[j, k] = matrix[j, k] - factor * matrix[i, k]
-            load[j] = load[j] - factor * load[i]
-    for back in range(_TERMS):
-        i = _TERMS - 1 - back
-        for k in range(i + 1, _TERMS):
-            load[i] = load[i] - matrix[i, k] * load[k]
-        load[i] = load[i] / matrix[i, i]
-    return load
-
-
-@wp.func
-def _counts(state: int, neighbour: int):
-    """Return whether a neighbour has a say: nodes inside the contact have none outside of it."""
-    inside = state & (TOUCHES | FREE) == TOUCHES
-    return inside or neighbour & (TOUCHES | FREE) != TOUCHES
-
-
-@wp.kernel(enable_backward=False)
-def fit_slopes(gel: Gel, canvas: Canvas):
-    """Fit z = z_i + g (x - x_i) + quadratic around each node; exact for quadratic surfaces.
-
-    Nodes inside the contact are no neighbours of nodes on its edge or outside, because the slope
-    jumps at a sharp rim: there the slope is that of the free gel.
-    """
-    env, i = wp.tid()
-    one = wp.float64(1.0)
-    x, state = canvas.nodes[env, i], canvas.states[env, i]
-    total, count = wp.float64(0.0), wp.float64(0.0)
-    for n in range(gel.neighbour_starts[i], gel.neighbour_starts[i + 1]):
-        other = gel.neighbours[n]
-        if _counts(state, canvas.states[env, other]):
-            d = canvas.nodes[env, other] - x
-            total += wp.sqrt(d[0] * d[0] + d[1] * d[1])
-            count += one
-    radius = wp.where(total > wp.float64(0.0), total / wp.max(count, one), one)
-    normal, load = _Normal(), _Load()
-    for n in range(gel.neighbour_starts[i], gel.neighbour_starts[i + 1]):
-        other = gel.neighbours[n]
-        if _counts(state, canvas.states[env, other]):
-            d = (canvas.nodes[env, other] - x) / radius
-            weight = one / (d[0] * d[0] + d[1] * d[1] + _NEAREST)
-            basis = _Load(d[0], d[1], d[0] * d[0], d[0] * d[1], d[1] * d[1])
-            load += weight * d[2] * basis
-            normal += weight * wp.outer(basis, basis)
-    trace = wp.trace(normal) + _TRACE_LEAST
-    for k in range(_TERMS):
-        normal[k, k] = normal[k, k] + trace * wp.where(k < 2, _RIDGE_SLOPE, _RIDGE_CURVATURE)
-    fitted = _solved(normal, load)
-    canvas.sums[env, i] = wp.vec3d(fitted[0], fitted[1], one)
+        wp.atomic_add(canvas.sums, env, gel.parts[part, k], weighed)
