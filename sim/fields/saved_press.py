@@ -8,9 +8,9 @@ import numpy as np
 
 from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
-from sim.mesh.elements import doubled_areas
+from sim.mesh.elements import doubled_areas, linear_facets
 from sim.mesh.mirror_symmetry import WholeSurface
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, grown, turned_triangles
+from sim.scene.indenter import Indenter, MeshIndenter, turned_triangles
 from sim.scene.triangle_surface import renumbered
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
@@ -49,8 +49,7 @@ class SurfaceState:
     positions: FloatArray  # the same nodes deformed [m], shape [node_count, 3]
     # As ``TopSurface`` has them; quadratic ones are straight-sided at rest, parabolic when deformed
     faces: IntArray
-    # The rigid body, or with a wide barrier what lies within d_hat of it; its ``lower_surface(x,
-    # y)`` is the height above its own tip
+    # The rigid body; its ``lower_surface(x, y)`` is the height above its own tip
     indenter: Indenter
     # Its tip [m], shape [3]: no point of the gel lies above ``indenter_position[2] +
     # lower_surface(x - indenter_position[0], ...)``, unless by a part of a wide barrier's d_hat
@@ -61,8 +60,6 @@ class SurfaceState:
     # How far off the indenter the gel lies where it touches [m]: the contact distance d_hat, while
     # the indenter is the body itself
     standoff_m: float = 0.0
-    # How far the real wall of a punch lies within the indenter's [m]: a wide barrier's d_hat
-    wall_m: float = 0.0
     # Axis about which the mesh was revolved, x and y [m]; None where it was not
     mesh_axis_m: tuple[float, float] | None = None
 
@@ -169,20 +166,26 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
 def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     """Hand over the contact surface: the faces that look up at rest.
 
-    With a wide barrier the indenter comes with all that lies within d_hat of it: that is what the
-    gel takes its shape from, and what depths count from.
+    A wide barrier makes the indenter larger by d_hat, and depths count from there. The gel is
+    handed over as parallel to what it found, around the body itself at that depth.
     """
     options, top = path.model.contact_options, top_surface(path.model)
-    reach = options.distance_m if options.is_wide else 0.0
+    reach, axis = options.distance_m if options.is_wide else 0.0, point.state.rotation[:, 2]
+    positions = top.of(point.state.positions)
+    if reach:
+        facets = linear_facets(top.faces)
+        normals = np.zeros_like(positions)
+        np.add.at(normals, facets, doubled_areas(positions, facets)[:, None])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        positions += reach * (normals - axis)
     return SurfaceState(
         positions_rest=top.rest,
-        positions=top.of(point.state.positions),
+        positions=positions,
         faces=top.faces,
-        indenter=grown(path.indenter, reach) if reach else path.indenter,
-        indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
+        indenter=path.indenter,
+        indenter_position=point.state.tip - reach * axis,
         indenter_rotation=point.state.rotation.copy(),
         standoff_m=options.distance_m - reach,
-        wall_m=reach if isinstance(path.indenter, Cylinder) else 0.0,
         mesh_axis_m=top.mesh_axis_m,
     )
 

@@ -35,7 +35,7 @@ from sim.optics.height.pixel_height_kernel import (
     draw_facets,
     fill_bare,
 )
-from sim.scene.indenter import Cylinder, Indenter, IndenterSet, grown
+from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
@@ -81,14 +81,14 @@ def height_maps(
     device = Device("cpu")
     drawing = SurfaceHeights(
         surface.top,
-        grown(surface.indenter, -surface.wall_m),
+        surface.indenter,
         geometry,
         standoff_m=surface.standoff_m,
         contact_gap_m=gap_left(contact_gap_m, surface.standoff_m),
         pad=pad,
     )
     loaded, contact = drawing.maps(
-        device.array(_beside_wall(surface)[None], wp.vec3d),
+        device.array(surface.positions[None], wp.vec3d),
         device.array(surface.indenter_position[None], wp.vec3d),
         device.array(surface.indenter_rotation[None], wp.mat33d),
     )
@@ -103,21 +103,6 @@ def height_maps(
         rest=drawing.rest_m.numpy().reshape(shape),
         contact=contact.numpy().reshape(shape) > 0,
     )
-
-
-def _beside_wall(surface: SurfaceState) -> FloatArray:
-    """Return the nodes [m] with the gel beside a punch moved on to its real wall.
-
-    Under it all lengths are those of a punch that much smaller; from its wall on the way falls off
-    as that of gel that flows in.
-    """
-    positions = surface.positions.copy()
-    if isinstance(surface.indenter, Cylinder) and surface.wall_m:
-        radius_m = 0.5 * surface.indenter.diameter_m
-        arm = positions[:, :2] - surface.indenter_position[:2]
-        near = radius_m / np.maximum(np.linalg.norm(arm, axis=1, keepdims=True), radius_m)
-        positions[:, :2] -= surface.wall_m / radius_m * near**2 * arm
-    return positions
 
 
 def gap_left(contact_gap_m: float, standoff_m: float) -> float:

@@ -465,6 +465,5 @@ def _surface(arrays: dict[str, Any], k: int) -> SurfaceState:
     body = _BODIES[str(arrays[f"kind_{k}"])]
     sizes = zip((each.name for each in fields(body)), plain["indenter"].tolist(), strict=True)
     axis_m = tuple(plain["mesh_axis_m"].tolist())
-    own = {name: float(plain[name]) for name in ("standoff_m", "wall_m")}
-    own |= {"indenter": body(**dict(sizes)), "mesh_axis_m": axis_m or None}
-    return SurfaceState(**{**plain, **own})
+    own = {"indenter": body(**dict(sizes)), "mesh_axis_m": axis_m or None}
+    return SurfaceState(**{**plain, **own, "standoff_m": float(plain["standoff_m"])})
