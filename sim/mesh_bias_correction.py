@@ -84,7 +84,7 @@ class BiasRule:
         pad, height, depth = scene.pad, scene.pad.height_m, expected_depth(scene)
         locking = self.slope + self.squeeze * depth / contact_radius(scene, depth)
         locking *= min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
-        share = self.share + self.gap * scene.contact_distance_m / depth
+        share = self.share + self.gap * min(scene.contact_distance_m / depth, _GAP_MOST)
         share += self.layered * bool(scene.layers)
         slides = any((*scene.motion.shift_m, scene.motion.twist_rad))
         sticks = scene.contact is ContactMode.FRICTION and not slides
@@ -141,6 +141,9 @@ _REST = 0.4
 # Of F_z, and from which share of the height on: four presses on three meshes each, one on its own
 # path, were 0.1 to 2.6 % off, and a fifth's 6.4, 4.1 and 0.2 %.
 _FOLDED, _FOLD_SHARE = 0.045, 0.25
+# Of d_hat over depth, as presses to a depth have it. It stands for how shallow a press is: another
+# barrier alone changes F_z by less.
+_GAP_MOST = 0.1
 _MOST_INCOMPRESSIBLE = 18.0
 # For one of the friction coefficient times depth over height.
 _STICKING = 3.0
