@@ -2,7 +2,7 @@
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas, linear_facets
 from sim.mesh.mirror_symmetry import WholeSurface
-from sim.scene.indenter import Indenter, MeshIndenter, turned_triangles
+from sim.scene.indenter import Indenter, MeshIndenter, grown, turned_triangles
 from sim.scene.triangle_surface import renumbered
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
@@ -49,7 +49,8 @@ class SurfaceState:
     positions: FloatArray  # the same nodes deformed [m], shape [node_count, 3]
     # As ``TopSurface`` has them; quadratic ones are straight-sided at rest, parabolic when deformed
     faces: IntArray
-    # The rigid body; its ``lower_surface(x, y)`` is the height above its own tip
+    # The rigid body, or with a wide barrier what lies within d_hat of it; its ``lower_surface(x,
+    # y)`` is the height above its own tip
     indenter: Indenter
     # Its tip [m], shape [3]: no point of the gel lies above ``indenter_position[2] +
     # lower_surface(x - indenter_position[0], ...)``, unless by a part of a wide barrier's d_hat
@@ -159,35 +160,44 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
             "face_stress_pa": components(whole.at_faces(tensors.cells_pa[parents])),
             "face_stress_error_pa": whole.at_faces(tensors.errors_pa[parents]),
         },
-        surface=surface_state(path, point),
+        surface=seen_surface(path, point),
     )
 
 
 def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     """Hand over the contact surface: the faces that look up at rest.
 
-    A wide barrier makes the indenter larger by d_hat, and depths count from there. The gel is
-    handed over as parallel to what it found, around the body itself at that depth.
+    With a wide barrier the indenter comes with all that lies within d_hat of it: that is what the
+    gel takes its shape from, and what depths count from.
     """
     options, top = path.model.contact_options, top_surface(path.model)
-    reach, axis = options.distance_m if options.is_wide else 0.0, point.state.rotation[:, 2]
-    positions = top.of(point.state.positions)
-    if reach:
-        facets = linear_facets(top.faces)
-        normals = np.zeros_like(positions)
-        np.add.at(normals, facets, doubled_areas(positions, facets)[:, None])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        positions += reach * (normals - axis)
+    reach = options.distance_m if options.is_wide else 0.0
     return SurfaceState(
         positions_rest=top.rest,
-        positions=positions,
+        positions=top.of(point.state.positions),
         faces=top.faces,
-        indenter=path.indenter,
-        indenter_position=point.state.tip - reach * axis,
+        indenter=grown(path.indenter, reach) if reach else path.indenter,
+        indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
         standoff_m=options.distance_m - reach,
         mesh_axis_m=top.mesh_axis_m,
     )
+
+
+def seen_surface(path: LoadingPath, point: PathPoint) -> SurfaceState:
+    """Return the contact surface around the body itself, where a wide barrier made that larger.
+
+    The gel is taken for parallel to what was found, and touches the body at the same depth.
+    """
+    surface, options = surface_state(path, point), path.model.contact_options
+    if not options.is_wide:
+        return surface
+    facets = linear_facets(surface.faces)
+    normals = np.zeros_like(surface.positions)
+    np.add.at(normals, facets, doubled_areas(surface.positions, facets)[:, None])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    moved = options.distance_m * (normals - surface.indenter_rotation[:, 2])
+    return replace(surface, indenter=path.indenter, positions=surface.positions + moved)
 
 
 def top_surface(model: Model) -> TopSurface:
@@ -227,7 +237,7 @@ def intermediate_state(
     return IntermediateState(
         force_n=stiffer * float(point.force_n[2]),
         depth_m=point.depth_m,
-        surface=surface_state(path, point),
+        surface=seen_surface(path, point),
         pressure_pa=stiffer * pressure[top_surface(path.model).sources],
     )
 

@@ -9,7 +9,7 @@ import pyvista
 from sim.fields.saved_press import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import reference_path, replay_forces, replay_scene
-from sim.scene.indenter import Cylinder
+from sim.scene.indenter import Cylinder, describe
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import Sensor, load_sensor
@@ -172,9 +172,8 @@ def test_surface_covers_the_pad_and_stays_below_the_indenter(
     assert np.cross(b - a, c - a)[:, 2].min() > 0.0
     offset = surface.positions - surface.indenter_position
     roof = surface.indenter.lower_surface(offset[:, 0], offset[:, 1])
-    # The indenter comes with all that lies within the barrier's distance.
-    allowed = roof + replay.model.barrier_m
-    assert np.all(offset[:, 2] < np.where(np.isfinite(roof), allowed, 1.0))
+    assert describe(surface.indenter) == replay.model.indenter
+    assert np.all(offset[:, 2] < np.where(np.isfinite(roof), roof + replay.model.barrier_m, 1.0))
 
 
 def test_vtu_opens_in_vtk(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.saved_press import SurfaceState, surface_state
+from sim.fields.saved_press import SurfaceState, seen_surface, surface_state
 from sim.mesh.elements import FACE_EDGES, linear_facets, quadratic_nodes
 from sim.optics.height.height_map import cut_face, cut_tables, height_maps
 from sim.optics.height.slope_kernel import indenter_height
@@ -202,14 +202,6 @@ def test_rest_map_is_the_unloaded_gel() -> None:
     assert maps.contact.all()
 
 
-def test_pixels_beside_the_pad_take_the_nearest_height() -> None:
-    """An image wider than the mesh is filled from its edge, without gaps."""
-    points, triangles = irregular_mesh(8e-4)
-    nodes = np.c_[points, np.full(len(points), APEX_M)]
-    wide = camera(pixel_m=2e-4)
-    np.testing.assert_allclose(_unloaded(nodes, triangles, wide), APEX_M, atol=1e-12)
-
-
 def test_a_mesh_in_millimetres_is_refused() -> None:
     """A surface that covers no pixel names the likely mistake."""
     points, triangles = irregular_mesh(8e-4)
@@ -250,17 +242,17 @@ _PIXEL_M = 10e-6
 
 
 @cache
-def _punched() -> SurfaceState:
+def _punched(hand_over=surface_state, **changes):  # type: ignore[no-untyped-def]
     """Press a cylinder into a disc, which leaves no direction out; 20 sectors."""
     scene = Scene(
         pad=DiscPad(radius_m=8e-3, height_m=4e-3),
         material=Material(young_pa=0.4e6, poisson=0.45),
         indenter=Cylinder(diameter_m=2.0 * _RADIUS_M, fillet_m=0.1e-3),
         target=Target(depth_m=_DEPTH_M),
-        preset=Preset.BALANCED,
+        **{"preset": Preset.BALANCED, **changes},
     )
     path = path_for(scene, plan_effects(scene))
-    return surface_state(path, path.advance(_DEPTH_M))
+    return hand_over(path, path.advance(_DEPTH_M))
 
 
 def _camera(*, half_width_m: float, pixel_m: float = _PIXEL_M) -> CameraGeometry:
@@ -295,11 +287,20 @@ def test_the_wall_of_a_round_punch_is_round() -> None:
 
 def test_no_pixel_of_a_press_lies_above_the_indenter() -> None:
     """The map stays below the body itself, not only below what bounds the gel."""
-    surface = _punched()
+    surface, geometry = _punched(), _camera(half_width_m=7e-3, pixel_m=50e-6)
     assert surface.standoff_m > 0.0
-    geometry = _camera(half_width_m=7e-3, pixel_m=50e-6)
     loaded = height_maps(surface, geometry).loaded
     assert (loaded <= indenter_height(surface, *geometry.pad_grid())).all()
+
+
+def test_a_wide_barrier_moves_no_wall() -> None:
+    """The map is half as far from that of a narrow barrier as the surface as it was found."""
+    geometry, ways = _camera(half_width_m=4e-3), (surface_state, surface_state, seen_surface)
+    narrow, found, seen = (
+        height_maps(_punched(way, preset=Preset.FAST, barrier_m=barrier_m), geometry).loaded
+        for way, barrier_m in zip(ways, (5e-6, None, None), strict=True)
+    )
+    assert np.std(seen - narrow) < 0.5 * np.std(found - narrow)
 
 
 def test_depth_counts_from_where_the_gel_touches() -> None:
