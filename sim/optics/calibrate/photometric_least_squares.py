@@ -177,8 +177,9 @@ def fit_photometric(
     held = np.ones(unknowns)
     if _span(presses) < (_WIDE_GRAZED if np.array_equal(exponents, GRAZED_EXPONENTS) else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
-    chosen = ridge or fit_ridge(parts, [*map(_contact, known, presses)], held)
-    coefficients = total.solved(chosen * held).T
+    if ridge is None:
+        ridge = fit_ridge(parts, [*map(_contact, known, presses)], held)
+    coefficients = total.solved(ridge * held).T
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -188,7 +189,7 @@ def fit_photometric(
         indentation_limit_m=max(float(press.surface[0, 2].max()) for press in presses),
         response=response,
         reference=reference,
-        provenance={"press_count": len(presses), "pixel_count": count, "ridge": chosen},
+        provenance={"press_count": len(presses), "pixel_count": count, "ridge": ridge},
     )
 
 

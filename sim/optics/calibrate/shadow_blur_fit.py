@@ -193,9 +193,8 @@ def _fitted(
     presses: Sequence[BallPress], found: Calibration, start: ShadowCaster, steps: Sequence[float]
 ) -> ShadowCaster:
     """Search where lamps stand, one after the other, and how large; colours follow linearly."""
-    chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
-    placed = found.placed(presses)
-    lost = _LostLight([placed[i] for i in chosen.tolist()], found)
+    placed = sorted(found.placed(presses), key=lambda each: -each.circle.radius_px)
+    lost = _LostLight(placed[:_LOOKED_AT], found)
     best = start if found.shadows else lost.best_of(start)
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
