@@ -248,12 +248,10 @@ class _LostLight:
         A search from lamps that are far off would end with two of them at the same shadow.
         """
         named = start.lamps
-        low_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        raised_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        usual = replace(named[0], elevation_rad=raised_rad)
         around = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False).tolist()
-        lamps = [
-            *named,
-            *(replace(named[0], azimuth_rad=at, elevation_rad=low_rad) for at in around),
-        ]
+        lamps = [*named, *(replace(usual, azimuth_rad=at) for at in around)]
         normal, load = self._equations(replace(start, lamps=lamps))
         choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
         misfits = [_colours(normal[:, each][:, :, each], load[:, each])[1] for each in choices]
