@@ -66,12 +66,8 @@ def calibrate_optics(
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
     check_presses_fit(presses, scene.background.astype(np.uint8))
     if start is None:
-        placed = [
-            PlacedPress(
-                press=press, circle=press.circle, light=scene.light(press, press.circle, None)
-            )
-            for press in presses
-        ]
+        found = ((press, press.circle, scene.light(press, press.circle, None)) for press in presses)
+        placed = [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
         averaged = scene
         model = fit_model(placed, scene)
     else:

@@ -174,11 +174,13 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    held = np.ones(unknowns)
-    if _span(presses) < (_WIDE_GRAZED if np.array_equal(exponents, GRAZED_EXPONENTS) else _WIDE):
+    held, grazed = np.ones(unknowns), np.array_equal(exponents, GRAZED_EXPONENTS)
+    if _span(presses) < (_WIDE_GRAZED if grazed else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
-    chosen = ridge or fit_ridge(parts, [*map(_contact, known, presses)], held)
-    coefficients = total.solved(chosen * held).T
+    if ridge is None:  # shadows around a contact count as much as what is in it
+        judged = parts if grazed else [*map(_contact, known, presses)]
+        ridge = fit_ridge(parts, judged, held)
+    coefficients = total.solved(ridge * held).T
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -188,7 +190,7 @@ def fit_photometric(
         indentation_limit_m=max(float(press.surface[0, 2].max()) for press in presses),
         response=response,
         reference=reference,
-        provenance={"press_count": len(presses), "pixel_count": count, "ridge": chosen},
+        provenance={"press_count": len(presses), "pixel_count": count, "ridge": ridge},
     )
 
 
@@ -206,9 +208,9 @@ def _contact(features: FloatArray, press: PhotometricSamples) -> NormalEquations
 
 
 def fit_ridge(
-    presses: Sequence[NormalEquations], contacts: Sequence[NormalEquations], held: FloatArray
+    presses: Sequence[NormalEquations], judged: Sequence[NormalEquations], held: FloatArray
 ) -> float:
-    """Return the weight, times ``held``, with which contacts are predicted best by other presses.
+    """Return the weight, times ``held``, with which parts of presses are predicted best by others.
 
     What a fit to some presses is made of is what that to all is made of, less what the rest are.
     """
@@ -217,7 +219,7 @@ def fit_ridge(
     pairs = []
     for first in range(_GROUPS):
         rest = [press for i, press in enumerate(presses) if i % _GROUPS != first]
-        pairs.append((NormalEquations.total(rest), NormalEquations.total(contacts[first::_GROUPS])))
+        pairs.append((NormalEquations.total(rest), NormalEquations.total(judged[first::_GROUPS])))
     return min(
         _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge * held)) for rest, out in pairs)
     )

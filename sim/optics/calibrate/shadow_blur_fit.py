@@ -193,9 +193,8 @@ def _fitted(
     presses: Sequence[BallPress], found: Calibration, start: ShadowCaster, steps: Sequence[float]
 ) -> ShadowCaster:
     """Search where lamps stand, one after the other, and how large; colours follow linearly."""
-    chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
-    placed = found.placed(presses)
-    lost = _LostLight([placed[i] for i in chosen.tolist()], found)
+    placed = sorted(found.placed(presses), key=lambda each: -each.circle.radius_px)
+    lost = _LostLight(placed[:_LOOKED_AT], found)
     best = start if found.shadows else lost.best_of(start)
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
@@ -249,12 +248,10 @@ class _LostLight:
         A search from lamps that are far off would end with two of them at the same shadow.
         """
         named = start.lamps
-        low_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        raised_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        usual = replace(named[0], elevation_rad=raised_rad)
         around = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False).tolist()
-        lamps = [
-            *named,
-            *(replace(named[0], azimuth_rad=at, elevation_rad=low_rad) for at in around),
-        ]
+        lamps = [*named, *(replace(usual, azimuth_rad=at) for at in around)]
         normal, load = self._equations(replace(start, lamps=lamps))
         choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
         misfits = [_colours(normal[:, each][:, :, each], load[:, each])[1] for each in choices]
