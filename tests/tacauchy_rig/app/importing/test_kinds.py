@@ -248,12 +248,6 @@ def millinewtons(folder: Folder) -> None:
     folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
 
 
-def beyond(folder: Folder) -> None:
-    """A force that a number can have and a gel cannot."""
-    folder.rows[1][1] = ("1e308", "1e9", "5e6")[folder.random.integers(3)]
-    folder.told = ("line 2", "more than any press of a gel has")
-
-
 def labelled_coarse(folder: Folder) -> None:
     """Rows at rest and pressed with times too coarse to part them: labels count."""
     _labelled(folder, lambda k: f"{1790000000 + 128 * (k // 12)}.0")
