@@ -101,6 +101,16 @@ def test_a_load_is_met(stiff: Model) -> None:
     np.testing.assert_allclose(single, found.raw_wrench[:, 2], rtol=1e-3)
 
 
+def test_a_load_that_was_not_met_is_forgotten(stiff: Model) -> None:
+    """After a reset the same height gives the same force, as if nobody had pushed."""
+    batch, pose = Batch(stiff, [BALL], [0]), np.array([_pose(0, 0, 0.1e-3)])
+    before = batch.step(pose)
+    batch.reset()
+    assert not batch.step(pose, loads_n=np.array([1e4])).valid.any()
+    batch.reset()
+    np.testing.assert_allclose(batch.step(pose).wrench, before.wrench, rtol=1e-6, atol=1e-9)
+
+
 def test_contact_is_lost_and_made_elsewhere(smooth: Model) -> None:
     """Without friction the gel forgets: a ball that was elsewhere feels what a new one does."""
     batch = Batch(smooth, [BALL], [0, 0], options=EXACT)
