@@ -4,7 +4,6 @@ import io
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -158,24 +157,6 @@ def quoted(folder: Folder) -> None:
         _cells(folder, column, lambda v: comma(v, 2))
     folder.rows = [[f'"{cell}"' for cell in row] for row in folder.rows]
     folder.tolerance_n = 0.0051
-
-
-def gram_force(folder: Folder) -> None:
-    """Grams-force, kilograms-force or pounds-force."""
-    unit, newton = (("gf", 9.80665e-3), ("kgf", 9.80665), ("lbf", 4.4482216152605))[
-        folder.random.integers(3)
-    ]
-    folder.spec["force"] = unit
-    _cells(folder, 1, lambda v: repr(v / newton))
-
-
-def iso_times(folder: Folder) -> None:
-    """Times as ISO 8601 writes them."""
-    begin = datetime(2026, 11, 27, 10, tzinfo=UTC)
-    folder.rows[0].append("t")
-    for k, row in enumerate(folder.rows[1:]):
-        row.append((begin + timedelta(seconds=3.25 * k)).isoformat())
-    folder.spec["columns"] = 'time = { column = "t", unit = "iso" }'
 
 
 def blank_lines(folder: Folder) -> None:
