@@ -14,7 +14,6 @@ from protocols.guard.force_witness_and_band import (
     TOLERANCE,
     ArmEstimate,
     PressBand,
-    Stage,
     Witness,
 )
 from tacauchy_rig.core.config.load import load_config
