@@ -342,7 +342,9 @@ def test_loads_that_do_not_fit_are_refused(smooth: Model) -> None:
 
 
 def test_arguments_that_do_not_fit_are_refused(smooth: Model) -> None:
-    """A body that is not there, friction without a model of it, half a pad."""
+    """Edges in millimetres, a body that is not there, friction without a model, half a pad."""
+    with pytest.raises(ConfigError, match="edge_m is 2 m"):
+        sensor_model(PAD, GEL, edge_m=2.0)
     with pytest.raises(ConfigError, match="which"):
         Batch(smooth, [BALL], [1])
     with pytest.raises(ConfigError, match="friction"):
