@@ -209,11 +209,12 @@ def begin(
         if history.settled[b] > 1 and step <= _LONGER * last and same:
             share = step / wp.max(last, _NOTHING)
         history.share[b] = share
+        d.load[b] = wp.float64(0.0)
         if d.pushed[b] == 1:
             goal[2] += share * behind[2]
+            d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
         poses.tips[b] = goal
         poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
-        d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
         d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
         start_descent(d, memory, b, lags)
 

@@ -49,6 +49,7 @@ from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import BoxPad
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: a barrier that makes F_z 1 % too large and halves the steps.
 BARRIER_SHARE = 0.01
@@ -114,8 +115,14 @@ def sensor_model(
             without friction.
 
     Raises:
-        ConfigError: The mesh would have too many tetrahedra.
+        ConfigError: The edge length cannot be, or the mesh would have too many tetrahedra.
     """
+    if not 0.0 < edge_m <= 2.0 * pad.height_m:
+        raise ConfigError(
+            f"edge_m is {edge_m:g} m; in a gel of {pad.height_m:g} m it is above 0 and at most "
+            "twice as long",
+            remedy="give metres, such as 1.25e-3",
+        )
     distance_m = BARRIER_SHARE * pad.height_m
     options = ContactOptions(
         distance_m=distance_m,

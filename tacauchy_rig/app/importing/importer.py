@@ -106,20 +106,17 @@ def write_presses(
         raise
 
 
-def _lacking(presses: Sequence[Press]) -> Iterator[str]:
-    """Yield what is known of no press, or not of all."""
-    for what, names in (
-        ("force", [p.name for p in presses if p.held is None]),
-        ("depth", [p.name for p in presses if p.measured_depth_m is None]),
-        ("position", [p.name for p in presses if p.place_m is None and p.contact_px is None]),
-    ):
+def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
+    """Yield what no press or not every one states, and which sensor or indenter is assumed."""
+    lacking = {
+        "force": [p.name for p in presses if p.held is None],
+        "depth": [p.name for p in presses if p.measured_depth_m is None],
+        "position": [p.name for p in presses if p.place_m is None and p.contact_px is None],
+    }
+    for what, names in lacking.items():
         some = f"{len(names)} of {len(presses)} presses ({', '.join(names)})"
         if names:
             yield f"The {what} of {'a press' if len(names) == len(presses) else some} is not known."
-
-
-def _assumed(rig: LoadedConfig, presses: Sequence[Press]) -> Iterator[str]:
-    """Yield what the built-in settings stand in for."""
     told = "The {} is not known: {} is assumed (rig.{})."
     if "sensor.name" not in rig.written:
         yield told.format("sensor", rig.config.sensor.name, "sensor.name")
@@ -395,12 +392,8 @@ def import_run(
         versions=versions(),
     )
     converter = Converter(how=spec.images, camera=sensor.camera)
-    unknown_ones = (
-        *recorded.unknown,
-        *_lacking(recorded.presses),
-        *_assumed(rig, recorded.presses),
-    )
-    recorded = replace(recorded, unknown=unknown_ones)
+    told = (*recorded.unknown, *_unknown(recorded.presses, rig))
+    recorded = replace(recorded, unknown=told)
     write_presses(store, recorded, source, converter, kind=spec.kind.value)
     return store
 

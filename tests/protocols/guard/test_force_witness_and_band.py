@@ -14,7 +14,6 @@ from protocols.guard.force_witness_and_band import (
     TOLERANCE,
     ArmEstimate,
     PressBand,
-    Stage,
     Witness,
 )
 from tacauchy_rig.core.config.load import load_config
@@ -199,9 +198,6 @@ def test_the_message_holds_three_numbers_and_the_cause():
     told = caught.value
     assert told.reaction is Reaction.RETRACT
     assert "the force sensor says 0." in told.message
-    assert "N at 0." in told.message or "N, the arm" in told.message
-    assert "gives" in told.message
-    assert "arm" in told.message
     assert "known weight" in told.remedy
 
 
@@ -238,14 +234,6 @@ def test_an_arm_that_counts_the_other_way_names_its_setting(counted, error_n):
     assert pressed_n[-counted] < 0.75 / 1.9 + 0.18 + 0.05
 
 
-def test_at_rest_nothing_is_judged():
-    """Home, tare and retract: the guard's own limits hold there."""
-    witness = witness_of()
-    descent = Descent(witness)
-    press_on(descent, lambda _: -3.0, 200)
-    assert witness.stage is Stage.REST
-
-
 def test_without_any_witness_the_depth_is_unbounded_and_it_says_so():
     """No curve, no estimate: the run goes on, and its journal names what there was."""
     witness = witness_of(expected=None)
@@ -258,20 +246,13 @@ def test_without_any_witness_the_depth_is_unbounded_and_it_says_so():
 TRIAL_S = 50.0
 
 
-def test_without_an_estimate_or_a_zero_nothing_is_felt():
-    """None is no zero newton."""
-    estimate = ArmEstimate(RobotModel.CB3)
-    estimate.take([arm_state()])
-    estimate.zero()
-    assert estimate.force_n is None
-    estimate.take([arm_state(stamp_s=0.1, force_n=3.0)])
-    assert estimate.force_n is None
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_force_is_a_mean_less_the_zero(sign):
     """3 N of offset, then 2 N of force, however a push is counted; older states are forgotten."""
     estimate = ArmEstimate(RobotModel.E_SERIES, sign=sign)
+    estimate.take([arm_state()])
+    estimate.zero()
+    assert estimate.force_n is None
     for start_s, forces_n in ((0.0, (2.5, 3.5)), (1.0, (4.0, 6.0))):
         for number, force_n in enumerate(forces_n):
             estimate.take([arm_state(stamp_s=start_s + 0.1 * number, force_n=sign * force_n)])

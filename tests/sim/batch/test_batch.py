@@ -90,7 +90,7 @@ def test_every_environment_feels_what_a_single_press_does(stiff: Model) -> None:
 
 
 def test_a_load_is_met(stiff: Model) -> None:
-    """A pushed indenter sinks until it is pushed back as much, at the depth of that force."""
+    """A pushed indenter sinks to the depth of that force; a load that was not met is forgotten."""
     batch = Batch(stiff, [BALL, PUNCH], [0, 1], options=EXACT)
     poses = np.array([_pose(0, 0, 0.1e-3), _pose(0, 0, 0.1e-3)])
     found = batch.step(poses, loads_n=np.array([0.2, 0.4]))
@@ -99,6 +99,12 @@ def test_a_load_is_met(stiff: Model) -> None:
     depth = PAD.height_m - batch.tips_m[:, 2]
     single = [_single_n(stiff, body, 0, 0, d) for body, d in zip((BALL, PUNCH), depth, strict=True)]
     np.testing.assert_allclose(single, found.raw_wrench[:, 2], rtol=1e-3)
+    hasty, fresh = (Batch(stiff, [BALL], [0]) for _ in range(2))
+    assert not hasty.step(poses[:1], loads_n=np.array([1e4])).valid.any()
+    hasty.reset()
+    np.testing.assert_allclose(
+        hasty.step(poses[:1]).wrench, fresh.step(poses[:1]).wrench, rtol=1e-6
+    )
 
 
 def test_contact_is_lost_and_made_elsewhere(smooth: Model) -> None:
@@ -329,7 +335,9 @@ def test_loads_that_do_not_fit_are_refused(smooth: Model) -> None:
 
 
 def test_arguments_that_do_not_fit_are_refused(smooth: Model) -> None:
-    """A body that is not there, friction without a model of it, half a pad."""
+    """Edges in millimetres, a body that is not there, friction without a model, half a pad."""
+    with pytest.raises(ConfigError, match="edge_m is 2 m"):
+        sensor_model(PAD, GEL, edge_m=2.0)
     with pytest.raises(ConfigError, match="which"):
         Batch(smooth, [BALL], [1])
     with pytest.raises(ConfigError, match="friction"):

@@ -161,7 +161,7 @@ def test_built_in_sensors_have_optics() -> None:
     assert load_sensor("taxim-gelsight").optics == mini
     assert mini.shadows is None
     assert digit.shadows is not None
-    assert tact.kind == "grey-depth"
+    assert tact.table["kind"] == "grey-depth"
     assert list(tact.model.change) == sorted(tact.model.change, reverse=True)
 
 

@@ -67,25 +67,6 @@ def test_images_are_kept_to_the_byte(small: Path, tmp_path: Path) -> None:
     ]
 
 
-def test_presses_without_force_and_with_place_and_indenter(small: Path, tmp_path: Path) -> None:
-    """Any of force, depth, place and indenter may be given, each in its unit."""
-    (small / "presses.csv").write_text(
-        "image,depth,at x,at y,tool\npress.png,0.25,1.5,-2,sphere:diameter=6mm\n"
-    )
-    text = (small / "import.toml").read_text()
-    text = text.replace('force = { column = "fz", unit = "N" }', 'indenter = "tool"')
-    axes = "\n".join(f'{a} = {{ column = "at {a}", unit = "mm" }}' for a in "xy")
-    text = text.replace("[rig.sensor]", f"{axes}\n[rig.sensor]")
-    (small / "import.toml").write_text(text)
-    store = import_run(small, parent=tmp_path)
-    trial = store.imported_trials[1]
-    assert trial.place_m == pytest.approx((1.5e-3, -2e-3))
-    assert trial.indenter == "sphere:diameter=6mm"
-    (record,) = counting(store)
-    assert record.force_measured_n is None
-    assert record.depth_measured_m == pytest.approx(0.25e-3)
-
-
 def test_an_imported_run_is_marked_and_not_passed(small: Path, tmp_path: Path) -> None:
     """Page, summary, table and JUnit say imported; what rests on no data is not known."""
     store = import_run(small, parent=tmp_path)

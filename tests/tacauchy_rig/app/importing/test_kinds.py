@@ -4,7 +4,6 @@ import io
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -160,24 +159,6 @@ def quoted(folder: Folder) -> None:
     folder.tolerance_n = 0.0051
 
 
-def gram_force(folder: Folder) -> None:
-    """Grams-force, kilograms-force or pounds-force."""
-    unit, newton = (("gf", 9.80665e-3), ("kgf", 9.80665), ("lbf", 4.4482216152605))[
-        folder.random.integers(3)
-    ]
-    folder.spec["force"] = unit
-    _cells(folder, 1, lambda v: repr(v / newton))
-
-
-def iso_times(folder: Folder) -> None:
-    """Times as ISO 8601 writes them."""
-    begin = datetime(2026, 11, 27, 10, tzinfo=UTC)
-    folder.rows[0].append("t")
-    for k, row in enumerate(folder.rows[1:]):
-        row.append((begin + timedelta(seconds=3.25 * k)).isoformat())
-    folder.spec["columns"] = 'time = { column = "t", unit = "iso" }'
-
-
 def blank_lines(folder: Folder) -> None:
     """Blank lines and a word: the line that is told is that of the file."""
     bad = int(folder.random.integers(2, len(folder.rows)))
@@ -246,12 +227,6 @@ def millinewtons(folder: Folder) -> None:
     unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
     _cells(folder, 1, lambda v: repr(v * factor))
     folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
-
-
-def beyond(folder: Folder) -> None:
-    """A force that a number can have and a gel cannot."""
-    folder.rows[1][1] = ("1e308", "1e9", "5e6")[folder.random.integers(3)]
-    folder.told = ("line 2", "more than any press of a gel has")
 
 
 def labelled_coarse(folder: Folder) -> None:

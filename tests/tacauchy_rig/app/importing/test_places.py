@@ -154,10 +154,8 @@ def test_a_repeated_replay_presses_nothing(
         assert bench.pressed == 9
 
 
-def test_another_process_finds_what_was_kept(run: RunReading) -> None:
-    """No address of this process is in what names a press; its sensor has functions."""
-    part = parts_of(run)[0]
-    assert " at 0x" in repr(part.inputs.sensor)
+def test_another_process_finds_what_was_kept() -> None:
+    """No address of this process is in what names a press."""
     assert len({content_hash(each) for each in (object(), object())}) == 1
 
 
