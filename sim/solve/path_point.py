@@ -9,12 +9,6 @@ from sim.contact.surface_and_grip import State
 from sim.solve.equilibrium import Equilibrium
 from tacauchy_rig.core.arrays import FloatArray
 
-# Points that a prediction uses, at most.
-_USED = 3
-# A parabola that leaves the line by more than this share of the line's motion tells that the path
-# is not smooth, and the line counts. It is 0.05 to 0.25 where gel flows evenly, 0.5 to 4 where a
-# frictionless rim gathers it in folds: there a parabola led to another branch with half the force.
-_BENT = 0.5
 # Points nearer to each other than this share of the step say too little.
 _APART = 0.05
 
@@ -56,7 +50,7 @@ class PathCounts:
 def predicted_state(
     points: Sequence[PathPoint], places: Sequence[float], *, at: float, step: float
 ) -> State:
-    """Return the state that polynomials through the nearest points give.
+    """Return the state that the line through the nearest ones gives.
 
     Args:
         points: Equilibria, the last one to go on from.
@@ -64,29 +58,13 @@ def predicted_state(
         at: Where the state is wanted, in the same unit.
         step: From the last point to there, likewise.
     """
-    chosen: list[int] = []
-    for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
-        apart = [abs(places[k] - places[j]) for j in chosen]
-        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < _USED:
-            chosen.append(k)
-    state = points[chosen[0]].state.copy()
-    last, found = state.positions, _interpolated(points, places, chosen[:2], at)
-    if len(chosen) > 2:
-        bent = _interpolated(points, places, chosen, at)
-        motion, off = (float(np.abs(each).max()) for each in (found[0] - last, bent[0] - found[0]))
-        found = bent if off <= _BENT * motion else found
-    state.positions, state.tip = found
+    nearest, *others = sorted(range(len(points)), key=lambda k: abs(places[k] - at))
+    state = points[nearest].state.copy()
+    for k in others:
+        apart = places[nearest] - places[k]
+        if abs(apart) > _APART * abs(step):
+            share = (at - places[nearest]) / apart
+            state.positions += share * (state.positions - points[k].state.positions)
+            state.tip += share * (state.tip - points[k].state.tip)
+            break
     return state
-
-
-def _interpolated(
-    points: Sequence[PathPoint], places: Sequence[float], chosen: Sequence[int], at: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions and tip of Lagrange's polynomial through the chosen points [m]."""
-    shares = [
-        float(np.prod([(at - places[j]) / (places[k] - places[j]) for j in chosen if j != k]))
-        for k in chosen
-    ]
-    pairs = list(zip(shares, (points[k].state for k in chosen), strict=True))
-    positions = np.sum([share * known.positions for share, known in pairs], axis=0)
-    return positions, np.sum([share * known.tip for share, known in pairs], axis=0)
