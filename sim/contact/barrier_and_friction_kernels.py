@@ -38,14 +38,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.indenter_distance import (
-    Body,
-    Poses,
-    distance_curvature,
-    local_point,
-    nearby_gap,
-    posed,
-)
+from sim.contact.indenter_distance import Body, Poses, local_point, nearby_gap, posed
 from sim.device import repeatable
 
 
@@ -321,16 +314,13 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     @wp.kernel(enable_backward=False, module="unique")
     def force(
         at: Pressed,
-        # Data in:
-        curved: wp.bool,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
         gap_out: wp.array3d(dtype=wp.float64),
         force_out: wp.array3d(dtype=wp.vec3d),
         stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
-        # With ``curved`` the stiffness is exact; without, the indenter's curvature is left out,
-        # which keeps it positive semidefinite.
+        # The indenter's curvature is left out: without it the stiffness is semidefinite.
         b, f, q = wp.tid()
         here, x = met(at, b, f, q)
         distance, n = nearby_gap(here, x, at.surface.distance)
@@ -340,8 +330,6 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             _energy, slope, change = normal_contact(at.surface, b, distance)
             pull = n * slope
             stiffness = wp.outer(n, n) * change
-            if curved:
-                stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
             _more, along, tangent = held_back(at, here, b, f, q, x, _EXACT)
             pull += along

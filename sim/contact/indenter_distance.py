@@ -8,7 +8,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_distance import DeviceSurface, nearby_distance, on_device, surface_curvature
+from sim.scene.triangle_distance import DeviceSurface, nearby_distance, on_device
 from tacauchy_rig.core.arrays import FloatArray
 
 # Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
@@ -132,38 +132,3 @@ def nearby_gap(body: Body, x: wp.vec3d, reach: wp.float64):
     else:
         gap, n = _analytic_distance(body, p)
     return gap, body.rotation * n
-
-
-@wp.func
-def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
-    """Return the second derivative of the gap [1/m] in the pad's frame.
-
-    Sharp edges' infinite curvature across them is left out: the gel's stiffness decides there.
-    """
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
-    p = local_point(body, x)
-    H = wp.mat33d()
-    if body.is_mesh:
-        if body.surface.rounding > zero:
-            H = surface_curvature(body.surface, p)
-    elif body.is_ball:
-        c = p - wp.vec3d(zero, zero, body.radius)
-        length = wp.max(wp.length(c), wp.float64(1.0e-30))
-        n = c / length
-        H = (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * (one / length)
-    else:
-        r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
-        side = r - (body.radius - body.fillet)
-        below = body.fillet - p[2]
-        outward = wp.vec3d(p[0] / r, p[1] / r, zero)
-        around = wp.vec3d(-outward[1], outward[0], zero)
-        if side > zero and below > zero:
-            corner = wp.max(wp.sqrt(side * side + below * below), wp.float64(1.0e-30))
-            H = wp.outer(around, around) * (side / (corner * r))
-            if body.fillet > zero:
-                t = (outward * below + wp.vec3d(zero, zero, side)) / corner
-                H += wp.outer(t, t) * (one / corner)
-        elif side > below:
-            H = wp.outer(around, around) * (one / r)
-    return body.rotation * H * wp.transpose(body.rotation)

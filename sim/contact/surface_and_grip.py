@@ -94,7 +94,8 @@ class ContactForces:
     points: FloatArray  # positions [m]
     gaps: FloatArray  # to the indenter [m]; of triangles beyond d_hat it may be less
     forces: FloatArray  # force on the indenter [N]
-    stiffness: FloatArray  # derivative of that force by the point's motion [N/m]
+    # Derivative of that force by the point's motion, as if the indenter were flat there [N/m]
+    stiffness: FloatArray
 
 
 _GRIP = [field.name for field in fields(Grip)]
@@ -183,16 +184,14 @@ class ContactSurface:
         self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
-    def forces(
-        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
-    ) -> ContactForces:
-        """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        return self.forces_of(self.pressed(positions, indenter, state), curved=curved)
+    def forces(self, positions: FloatArray, indenter: Indenter, state: State) -> ContactForces:
+        """Return the contact at every point."""
+        return self.forces_of(self.pressed(positions, indenter, state))
 
-    def forces_of(self, pressed: Any, *, curved: bool = True) -> ContactForces:
+    def forces_of(self, pressed: Any) -> ContactForces:
         """Return the same of what is ``Pressed`` on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        self._device.launch(self.kernels.force, (1, *self._shape), [pressed, curved], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [pressed], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 

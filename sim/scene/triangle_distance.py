@@ -194,24 +194,6 @@ def _signed(surface: DeviceSurface, p: wp.vec3d, found: Nearest):
 
 
 @wp.func
-def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
-    """Return the second derivative of the distance [1/m], of round edges and corners only."""
-    found = nearest_on_surface(surface, p)
-    bend = wp.mat33d()
-    least = wp.float64(0.25) * surface.rounding * surface.rounding
-    if found.feature != _FACE and found.squared > least:
-        n = wp.normalize(p - found.point)
-        bend = wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)
-        if found.feature < _VERTEX:
-            start = surface.vertices[surface.faces[found.face, found.feature - _EDGE]]
-            end = surface.vertices[surface.faces[found.face, (found.feature - _EDGE + 1) % 3]]
-            along = wp.normalize(end - start)
-            bend = bend - wp.outer(along, along)
-        bend = bend / wp.sqrt(found.squared)
-    return bend
-
-
-@wp.func
 def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
     """Return the distance [m], positive outside, and its gradient.
 

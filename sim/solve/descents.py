@@ -191,7 +191,7 @@ class Descents:
         main.wait_stream(self._aside)
 
     def contact(self) -> ContactForces:
-        """Return the contact of the only environment, where it is; its stiffness is exact."""
+        """Return the contact of the only environment, where it is."""
         return self.model.surface.forces_of(self.pressed)
 
     def step(self) -> None:

@@ -1,9 +1,10 @@
 """Direct solvers for the symmetric Newton matrix, and the factored stiffness of one state.
 
-The exact Hessian is factored; only when that is not positive definite is it replaced by a
-semidefinite one, at last with a share of the undeformed pad's stiffness added. Under a given force
-the height z of the indenter is one more unknown, and F z is added to the energy. Its row and column
-border the stiffness matrix, so that one factorisation and one more solution serve both.
+The Hessian is factored, without the indenter's curvature; only when that is not positive definite
+is it replaced by a semidefinite one, at last with a share of the undeformed pad's stiffness added.
+Under a given force the height z of the indenter is one more unknown, and F z is added to the
+energy. Its row and column border the stiffness matrix, so that one factorisation and one more
+solution serve both.
 """
 
 import ctypes
@@ -235,7 +236,7 @@ class StiffnessFactor:
     """Factors the stiffness of one pad under one indenter.
 
     Attributes:
-        attempt: Of the last: 0 exact, above ever safer.
+        attempt: Of the last: 0 the Hessian, above ever safer.
         held: The indenter is; else its height is the last unknown.
     """
 
@@ -270,9 +271,7 @@ class StiffnessFactor:
         model = self._model
         # What was indefinite is likely to be so again.
         for attempt in range(max(first, min(self.attempt, 1)), 2 + len(_SHIFTS)):
-            contact = model.surface.forces(
-                state.positions, self._indenter, state, curved=attempt == 0
-            )
+            contact = model.surface.forces(state.positions, self._indenter, state)
             data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
             shift = _SHIFTS[max(0, attempt - 2)]
             if shift > 0.0:

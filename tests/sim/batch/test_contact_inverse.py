@@ -125,7 +125,7 @@ def test_the_corrected_inverse_is_that_of_gel_and_contact(friction: float, pushe
     asked[0, size] = 0.5 if pushed else 0.0
     descents.sources.assign(asked)
     inverse.apply(np.array([0], dtype=np.int32), descents.sources, descents.found)
-    contact = model.surface.forces(state.positions, ball, state, curved=False)
+    contact = model.surface.forces(state.positions, ball, state)
     upper = model.pattern.upper(
         model.hessian_data(model.nodes, contact.stiffness, projected=False)
     ).toarray()
