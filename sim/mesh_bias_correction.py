@@ -121,20 +121,21 @@ _RULES: dict[float, BiasRule] = {
     1.6: BiasRule(share=0.0045, slope=0.0006, least_rest=0.006, time_ratio=0.8, beside=0.0025),
     2.2: BiasRule(slope=0.0005, least_rest=0.0095, time_ratio=3.1),
 }
-# Meshes around a footprint are finer still at the contact's edge: 24 bodies of all kinds; edges of
-# 1/0.6: 40 bodies of triangles, of 1/1.6: 27.
+# Meshes around a footprint are finer still at the contact's edge: 25 bodies of all kinds; edges of
+# 1/0.6: 57 bodies of triangles, of 1/1.6: 53.
 _ON_FOOTPRINT = {
-    0.6: BiasRule(share=0.1, slope=0.006, over_width=True, least_rest=0.0325, time_ratio=0.15),
-    1.0: BiasRule(share=0.027, least_rest=0.02, time_ratio=0.45),
-    1.6: BiasRule(share=0.003, layered=0.007, least_rest=0.0095, time_ratio=1.0),
+    0.6: BiasRule(share=0.1, slope=0.006, over_width=True, least_rest=0.04, time_ratio=0.15),
+    1.0: BiasRule(share=0.027, least_rest=0.025, time_ratio=0.45),
+    1.6: BiasRule(share=0.0075, layered=0.002, least_rest=0.008, time_ratio=1.0),
 }
-# So are revolved ones at a sharp rim, nineteen scenes.
+# So are revolved ones at a sharp rim, 27 scenes.
 _AT_RIM = _ON_FOOTPRINT | {
     1.0: BiasRule(share=0.0175, slope=0.0022, least_rest=0.025, time_ratio=0.45, beside=0.012)
 }
-# So are footprint meshes of sharp punches, which tilt there: edges of 1/0.6, nine scenes.
-_ON_TILTED_RIM = _ON_FOOTPRINT | {
-    0.6: BiasRule(share=0.038, slope=0.0055, least_rest=0.044, time_ratio=0.15)
+# Any mesh at a rim that tilts: edges of 1/0.6, where it is a footprint's, ten scenes; 1/1.6, 16.
+_AT_TILTED_RIM = {
+    0.6: BiasRule(share=0.038, slope=0.0055, least_rest=0.044, time_ratio=0.15),
+    1.6: BiasRule(share=0.0125, least_rest=0.0085, time_ratio=1.0),
 }
 # Of the bias.
 _REST = 0.4
@@ -172,16 +173,16 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     """Return what is known of a scene's bias, by the edges where it ends; empty for nothing."""
     if not _was_drawn(scene):
         return {}
-    is_mesh = isinstance(scene.indenter, MeshIndenter)
-    is_on_footprint = mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT
-    is_tilted_punch = is_on_footprint and scene.has_sharp_rim
-    left_out = set() if (is_mesh or is_tilted_punch) and not scene.layers else {0.6}
+    is_mesh, is_sharp = isinstance(scene.indenter, MeshIndenter), scene.has_sharp_rim
+    kind, _ = mesh_choice(replace(scene, preset=Preset.FAST))
+    is_on_footprint = kind is MeshKind.FOOTPRINT
+    left_out = set() if is_on_footprint and (is_mesh or is_sharp) and not scene.layers else {0.6}
     is_ball = isinstance(scene.indenter, Sphere)
     if not is_ball or scene.contact is ContactMode.FRICTION:  # punches vary more there
         left_out.add(1.4)
-    rules = _AT_RIM if scene.has_sharp_rim else _RULES
-    if is_on_footprint:
-        rules = _ON_TILTED_RIM if is_tilted_punch else _ON_FOOTPRINT
+    rules = _ON_FOOTPRINT if is_on_footprint else _AT_RIM if is_sharp else _RULES
+    if is_sharp and any(scene.motion.tilt_rad):
+        rules = rules | _AT_TILTED_RIM
     return {edges: rule for edges, rule in rules.items() if edges not in left_out}
 
 
