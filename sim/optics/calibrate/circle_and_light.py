@@ -50,7 +50,6 @@ _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
-_LOOKED_AT = 900  # pixels at least by which a circle is moved
 # Differences that slopes are found by, and what ends a search, are shares of move plus the first.
 _SEARCH_PX, _DIFFERENCE_SHARE, _SETTLED_SHARE = 100.0, 3e-4, 1e-5
 _SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
@@ -267,8 +266,6 @@ class PressScene:
         circle = placed.press.circle
         label = np.array([circle.x_px, circle.y_px, circle.radius_px])
         rows, columns = self.pixels_around(placed.press)
-        step = max(1, len(rows) // _LOOKED_AT)
-        rows, columns = rows[::step], columns[::step]
         expected = self.expected(rows, columns, placed.light)
         seen = seen_change(placed.press.image[rows, columns], expected)
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)

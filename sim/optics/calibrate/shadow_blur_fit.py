@@ -45,7 +45,7 @@ _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
 _SOFTNESS_M, _SPREAD = 2e-5, 0.1
-_BLUR_TURNS, _SHADED_TURNS = 5, (1, 3)  # the latter after each search for lamps
+_BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
 _SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
@@ -141,14 +141,14 @@ def calibrate_with_shadows(
     """
     found = calibrate_optics(presses, scene, rounds=_BEFORE)
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
-    for steps, turns in zip(_ROUNDS, _SHADED_TURNS, strict=True):
+    for steps in _ROUNDS:
         shadows = _fitted(presses, found, shadows, steps)
         known = replace(found, shadows=shadows)
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
         known = calibrate_optics(lit, scene, found, rounds=1)
         known = replace(known, shadows=shadows, blur_px=found.blur_px)
-        found = with_blur(known.placed(lit), known, turns=turns)
-    return _coloured(presses, found)
+        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
+    return found
 
 
 def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:

@@ -210,7 +210,7 @@ def _images(request: OpticsRequest, folder: Path, background: ImageArray) -> dic
 
 
 # Processor seconds of simulated presses, a contact, figures, a press's fit with shadows or without
-_PRESSES_S, _FIND_S, _DRAW_S, _FIT_S = 3.2, 0.05, 4.5, {True: 0.38, False: 0.14}
+_PRESSES_S, _FIND_S, _DRAW_S, _FIT_S = 3.2, 0.05, 4.5, {True: 0.41, False: 0.14}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
