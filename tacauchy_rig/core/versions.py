@@ -2,14 +2,10 @@
 
 import os
 import platform
-import re
 import subprocess
-from hashlib import sha256
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from tacauchy_rig import __version__
 from tacauchy_rig.core.errors import ConfigError
@@ -28,14 +24,6 @@ _DISTRIBUTIONS = (
     "pyserial",
     "mcap",
 )
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
-
-
-def content_hash(*told: object) -> str:
-    """Return the SHA-256 of values and this program's version, the same in every process."""
-    with np.printoptions(threshold=10_000_000):
-        written = repr((__version__, *told))
-    return sha256(_ADDRESS.sub("", written).encode()).hexdigest()
 
 
 def installed(*distributions: str) -> dict[str, str]:

@@ -22,8 +22,6 @@ from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb, encode_png
 
 _KINDS = ("JPEG", "PNG")
 _MODES = ("RGB", "L")
-_PNG_BITS = 24
-"""Where a PNG states the bits of a channel; of 16 Pillow takes the upper 8."""
 _ORIENTATION = 0x0112
 """EXIF's tag of how a viewer is to turn an image."""
 _AS_STORED = 1
@@ -64,7 +62,7 @@ def opened(data: bytes, *, name: str) -> tuple[Size, int]:
                     "pixels are read",
                     remedy="scale it down, or leave it out",
                 )
-            bits = data[_PNG_BITS] if image.format == "PNG" else 8
+            bits = data[24] if image.format == "PNG" else 8  # Pillow cuts 16 off to the upper 8
             if image.mode not in _MODES or bits > 8:
                 raise RecordError(
                     f"image {name}: of the kind {image.mode} of {bits} bits; 8 bits of colour or "

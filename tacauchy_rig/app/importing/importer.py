@@ -392,8 +392,8 @@ def import_run(
         versions=versions(),
     )
     converter = Converter(how=spec.images, camera=sensor.camera)
-    told = (*recorded.unknown, *_unknown(recorded.presses, rig))
-    recorded = replace(recorded, unknown=told)
+    unknown_all = (*recorded.unknown, *_unknown(recorded.presses, rig))
+    recorded = replace(recorded, unknown=unknown_all)
     write_presses(store, recorded, source, converter, kind=spec.kind.value)
     return store
 

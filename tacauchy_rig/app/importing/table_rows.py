@@ -166,16 +166,14 @@ def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) ->
             presses.append(rows.press_of(own, image, rest))
     columns = data.columns
     has_zero = columns.force is None or data.is_tared or columns.state is not None
-    lacks = {
-        "The delay between force and image of a row": True,
-        "The zero of the force cell": not has_zero,
-        "The tilt of the indenter": columns.moment_x is None,
-    }
+    unknown = ["The delay between force and image of a row is not known."]
+    unknown += ["The zero of the force cell is not known."] * (not has_zero)
+    unknown += ["The tilt of the indenter is not known."] * (columns.moment_x is None)
     return Recorded(
         presses=tuple(presses),
         has_clock=rows.has_clock,
         contact_force_n=data.contact_force,
-        unknown=tuple(f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking),
+        unknown=tuple(unknown),
         notes=tuple(rows.notes),
     )
 

@@ -34,6 +34,7 @@ from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
+from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
@@ -43,7 +44,6 @@ from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields
 from tacauchy_rig.core.time_limit_and_progress import Remaining, doing, heard, say, time_limit
-from tacauchy_rig.core.versions import content_hash
 
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""

@@ -21,12 +21,12 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray, content_hash
 from tacauchy_rig.core.config.field_ranges import Length, Ratio, Section
 from tacauchy_rig.core.config.load import read_section, read_toml
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
-from tacauchy_rig.core.versions import content_hash, installed
+from tacauchy_rig.core.versions import installed
 
 PRESSES_MOST = 1_000_000
 """Of one plan; an index of so many is read at once."""

@@ -22,13 +22,13 @@ from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
+from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.simulated import ForceInput, Replay
 from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tacauchy_rig.core.time_limit_and_progress import heard
-from tacauchy_rig.core.versions import content_hash
 from tests.reports.conftest import record, replay_of
 
 BALL = Sphere(diameter_m=6e-3)
