@@ -315,6 +315,10 @@ class StiffnessFactor:
         else:
             found.assign(solved[None])
 
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solve for the unknowns without the indenter's height."""
+        return self._solver.solve(right)
+
     def _pushed(self) -> tuple[FloatArray, FloatArray]:
         if self._border is None:
             pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])

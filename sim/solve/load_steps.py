@@ -1,7 +1,7 @@
 """The phases of a loading path, and the load steps along them.
 
 A phase moves the indenter along one growing or falling parameter. A step starts from the
-prediction of the points before it, or from the last one, and is cut where it fails.
+prediction of the points before it, or from the tangent's, and is cut where it fails.
 """
 
 import logging
@@ -17,7 +17,7 @@ from sim.material.relaxation import Relaxation
 from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE
+from sim.solve.overlap_and_inversion import OVERLAP_SHARE, overlap_fraction
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
@@ -26,6 +26,8 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 
 logger = logging.getLogger(__name__)
 
+_DOWN = np.array([0.0, 0.0, -1.0])
+_STILL = np.zeros(3)
 # No stiffness [N/m], or no travel [m]: it keeps quotients finite.
 _NOTHING = 1e-30
 STEP_SHARE = 0.0125
@@ -37,6 +39,8 @@ Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at t
 _FORCE_STEP_MIN_SHARE = 1e-3
 # Of the longest step: a press that fails in shorter ones stops.
 _STEP_MIN_SHARE = 2e-5
+# Of the longest step: what overlap leaves of a step must be more, or the step is refused.
+_OVERLAP_LEFT_MIN_SHARE = 1e-6
 # Of the pad's height: first touch is found to less.
 _TOUCHES_FROM_SHARE = 1e-6
 # A press also stops where so many steps failed and those between brought it no farther than this
@@ -82,6 +86,10 @@ class Phase:
         """Return the longest step of the parameter; dF_z / d(depth) is given [N/m]."""
         return self.step_max_m
 
+    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
+        """Return velocity [m/unit] and spin [rad/unit] of the indenter, shape [3] each."""
+        return _DOWN, _STILL
+
     def turned(self, rotation: FloatArray, advance: float) -> FloatArray:
         """Return the rotation after a step about the pad's z."""
         angle = self.twist_rad * advance
@@ -99,6 +107,10 @@ class ForcePhase(Phase):
     def longest(self, stiffness_n_m: float) -> float:
         """Return the force of the longest advance [N]."""
         return max(stiffness_n_m * self.step_max_m, _FORCE_STEP_MIN_SHARE * self.end)
+
+    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:
+        """Return velocity and spin for a newton."""
+        return _DOWN / max(stiffness_n_m, _NOTHING), _STILL
 
     def load_at(self, at: float) -> float | None:
         """Return the force itself."""
@@ -124,6 +136,10 @@ class CarryPhase(Phase):
         """Return the longest step: the one in which a point of the rim travels ``step_max_m``."""
         travel = float(np.linalg.norm(self.shift_m)) + abs(self.twist_rad) * self.radius_m
         return min(1.0, self.step_max_m / max(travel, _NOTHING))
+
+    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
+        """Return velocity and spin over the whole phase."""
+        return self.shift_m, np.array([0.0, 0.0, self.twist_rad])
 
 
 @dataclass(slots=True)
@@ -154,9 +170,6 @@ class Stepping:
     keeps_all: bool = False
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
-    # Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's stress at
-    # rest deform it
-    unloaded: FloatArray = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
     base_depth_m: float = field(init=False)  # where the indenter is at the gel's base [m]
     # The equilibrium that was reached last, also when a phase ended in an error.
@@ -192,14 +205,6 @@ class Stepping:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
         deep = depth_m - self.blunted_m > _TOUCHES_FROM_SHARE * self.model.height_m
         return deep and not self.memories
-
-    def untouched(self, depth_m: float) -> State:
-        """Return the unloaded pad with the indenter at a depth."""
-        tip = np.array([*self.centre_m, self.touch_m - depth_m])
-        state = self.model.rest_state(tip=tip, rotation=self.rotation)
-        state.positions = self.unloaded.copy()
-        state.extension = self.model.contact_options.extension
-        return state
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -257,7 +262,7 @@ class Stepping:
                     # Parted evenly: a sliver of time at the end would turn rounding into speed.
                     advance = left / max(1, math.ceil(abs(left) / step - _LONGER))
                 try:
-                    found = self._increment(point, phase, at, advance, pace)
+                    found, taken = self._increment(point, phase, at, advance, pace)
                 except ConvergenceError as error:
                     step = abs(advance) / _CUT
                     failed_at.append(at)
@@ -283,42 +288,85 @@ class Stepping:
                     )
                 point = self.accept(found)
                 tell(f"{point.depth_m * 1e3:.4f} mm, {point.force_n[2]:.4f} N")
-                self._alike.append((self._alike[-1][0] + advance, point))
-                at = phase.end if abs(left - advance) <= phase.exact else at + advance
+                self._alike.append((self._alike[-1][0] + taken, point))
+                at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
                 step = min(
-                    phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(advance)), even
+                    phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even
                 )
         self.counts.wall_s += time.perf_counter() - started
         return point
 
     def _increment(
         self, point: PathPoint, phase: Phase, at: float, advance: float, pace: float | None
-    ) -> PathPoint:
-        """Go one step."""
-        state, end = self._predicted(point, phase, at, advance), at + advance
-        self.begin(None if pace is None else pace * abs(advance))
-        return self.settle(
+    ) -> tuple[PathPoint, float]:
+        """Go one step; return where that led and how much of the phase was done."""
+        state, fraction = self._predicted(point, phase, at, advance), 1.0
+        if state is None:
+            state, fraction = self._along_tangent(point, phase, advance)
+        self.begin(None if pace is None else pace * fraction * abs(advance))
+        taken = fraction * advance
+        found = self.settle(
             state,
-            load_n=phase.load_at(end),
-            must_touch=type(phase) is Phase and advance > 0.0 and self.must_touch(end),
-            intermediate=self.inertia is None and phase.is_short_of(end),
+            load_n=phase.load_at(at + taken),
+            must_touch=type(phase) is Phase and advance > 0.0 and self.must_touch(at + taken),
+            intermediate=self.inertia is None and phase.is_short_of(at + taken),
             before=point,
         )
+        return found, taken
 
-    def _predicted(self, point: PathPoint, phase: Phase, at: float, advance: float) -> State:
-        """Return the state to which the points so far lead; without others, the last one's own.
+    def _along_tangent(self, point: PathPoint, phase: Phase, advance: float) -> tuple[State, float]:
+        """Return where the tangent leads, and the fraction of the step that overlap allows."""
+        state = point.state.copy()
+        # The stiffness of a state before would be that of another contact.
+        self.solver.take_factor(state)
+        velocity, spin = phase.rate(point.stiffness_n_m)
+        motion, lift = self._response(point, velocity, spin)
+        if phase.load_n is not None:
+            sunk, resists = self._response(point, _DOWN, _STILL)
+            sink = -lift / max(resists, _NOTHING)
+            motion = motion + sink * sunk
+            velocity = velocity + sink * _DOWN
+        turned = phase.turned(state.rotation, advance)
+        tip = state.tip + advance * velocity
+        state.rotation = turned
+        model = self.model
+        fraction = overlap_fraction(model, self.indenter, state, tip, advance * motion)
+        if np.any(spin) and fraction < 1.0:
+            raise ConvergenceError("the next turn would overlap the indenter")
+        if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
+            raise ConvergenceError("the next step would overlap the indenter")
+        state.positions = state.positions + fraction * advance * motion
+        state.tip = state.tip + fraction * (tip - state.tip)
+        return state, fraction
 
-        Raises:
-            ConvergenceError: It overlaps the indenter by more than is allowed.
-        """
+    def _response(
+        self, point: PathPoint, velocity: FloatArray, spin: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return how nodes [m/unit] and F_z [N/unit] answer a motion of the indenter."""
+        model, contact = self.model, point.equilibrium.contact
+        carried = velocity + np.cross(spin, contact.points - point.state.tip)
+        change = np.cross(spin, contact.forces)
+        change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
+        pulled = model.pattern.unknowns(model.surface.scatter(change))
+        motion = -model.pattern.nodal(self.solver.factor.solve(pulled))
+        lifted = float(np.sum(model.surface.scatter(contact.stiffness[..., 2]) * motion))
+        rate = model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
+        return motion, rate
+
+    def _predicted(self, point: PathPoint, phase: Phase, at: float, advance: float) -> State | None:
+        """Return the state to which the points so far lead; None where they do not tell enough."""
         known, place = self._basis(point, phase, at)
-        state, model = point.state.copy(), self.model
-        if point.force_n.any() and len(known) > 1:
-            places, states = [place for place, _ in known], [each for _, each in known]
-            state = predicted_state(states, places, at=place + advance, step=advance)
+        model = self.model
+        if not point.force_n.any():
+            state = point.state.copy()
+        elif len(known) > 1:
+            places, points = [place for place, _ in known], [each for _, each in known]
+            state = predicted_state(points, places, at=place + advance, step=advance)
             state.grip = point.state.copy().grip
             # Nothing brings these back from what a sum of many states rounds.
             state.positions[model.clamped] = model.nodes[model.clamped]
+        else:
+            return None
         if isinstance(phase, CarryPhase):
             state.rotation = phase.turned(point.state.rotation, advance)
             state.tip[:2] = point.state.tip[:2] + advance * phase.shift_m[:2]
@@ -329,30 +377,27 @@ class Stepping:
         if model.contact_options.extension < 1.0:  # a parabola throughout forgives any overlap
             gaps = model.surface.gaps(state.positions, self.indenter, state)
             if not gaps.min() >= -OVERLAP_SHARE * model.height_m:
-                raise ConvergenceError("the next step would overlap the indenter")
+                return None
         return state
 
     def _basis(
         self, point: PathPoint, phase: Phase, at: float
-    ) -> tuple[list[tuple[float, State]], float]:
-        """Return the states that the next may be predicted from, with their places, and the last's.
+    ) -> tuple[list[tuple[float, PathPoint]], float]:
+        """Return the points that the next may be predicted from, with their places, and the last's.
 
         Where an equilibrium depends on the indenter's place alone, those of any phase serve.
         """
         tangential = self.model.contact_options.is_tangential
         if self.memories or tangential or isinstance(phase, CarryPhase):
-            alike = [(place, each.state) for place, each in self._alike]
-            if len(self.points) == 1 and not self.memories:
-                alike.insert(0, (0.0, self.untouched(0.0)))
-            return alike, self._alike[-1][0]
+            return list(self._alike), self._alike[-1][0]
         held = phase.load_at(phase.end) is None
         known = [
-            (each.depth_m if held else float(each.force_n[2]), each.state)
+            (each.depth_m if held else float(each.force_n[2]), each)
             for each in self.points
             if np.array_equal(each.state.tip[:2], point.state.tip[:2])
             and np.array_equal(each.state.rotation, point.state.rotation)
         ]
-        return [(0.0, self.untouched(0.0)), *known] if len(known) == 1 else known, at
+        return known, at
 
     def settle(
         self,

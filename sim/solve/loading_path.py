@@ -112,6 +112,9 @@ class Hold(StrEnum):
 class LoadingPath(Stepping):
     """Moves one indenter against one pad: by depth, by force, and along it."""
 
+    # Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's stress at
+    # rest deform it
+    unloaded: FloatArray = field(init=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -281,6 +284,14 @@ class LoadingPath(Stepping):
             radius_m=point.contact_radius_m,
         )
         return self.go(point, phase, duration_s)
+
+    def untouched(self, depth_m: float) -> State:
+        """Return the unloaded pad with the indenter at a depth."""
+        tip = np.array([*self.centre_m, self.touch_m - depth_m])
+        state = self.model.rest_state(tip=tip, rotation=self.rotation)
+        state.positions = self.unloaded.copy()
+        state.extension = self.model.contact_options.extension
+        return state
 
     def body_force_n(self, point: PathPoint) -> FloatArray:
         """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""

@@ -28,6 +28,33 @@ OVERLAP_SHARE = 0.005
 _PENETRATION_SHARE = 0.3
 # Cosine between contact force and surface from which the nearest side faces the gel.
 _FACING = 0.5
+# A motion that overlaps is cut to where the gap falls to the allowed, or by this if that is less.
+_CUT, _TRIES = 0.9, 60
+# A change of a gap that is none [m]; it keeps quotients finite.
+_NOTHING_M = 1e-300
+
+
+def overlap_fraction(
+    model: Model, indenter: Indenter, state: State, tip: FloatArray, motion: FloatArray
+) -> float:
+    """Return the largest tried fraction of a motion that overlaps no more than allowed.
+
+    Args:
+        tip: Where the indenter's tip ends up at fraction one [m]; it moves with the gel.
+        motion: Motion of the nodes [m], shape [node_count, 3].
+    """
+    before = model.surface.gaps(state.positions, indenter, state)
+    floor = np.minimum(-OVERLAP_SHARE * model.height_m, before)
+    fraction, trial = 1.0, state.copy()
+    for _ in range(_TRIES):
+        trial.tip = state.tip + fraction * (tip - state.tip)
+        after = model.surface.gaps(state.positions + fraction * motion, indenter, trial)
+        hit = after < floor
+        if not hit.any():
+            return fraction
+        reach = (before - floor)[hit] / np.maximum((before - after)[hit], _NOTHING_M)
+        fraction *= min(_CUT, float(reach.min()))
+    return 0.0
 
 
 def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:

@@ -48,23 +48,23 @@ class PathCounts:
 
 
 def predicted_state(
-    states: Sequence[State], places: Sequence[float], *, at: float, step: float
+    points: Sequence[PathPoint], places: Sequence[float], *, at: float, step: float
 ) -> State:
     """Return the state that the line through the nearest ones gives.
 
     Args:
-        states: Equilibria, the last one to go on from.
+        points: Equilibria, the last one to go on from.
         places: Their depths [m] or loads [N]; of the last one it need not be the largest.
         at: Where the state is wanted, in the same unit.
         step: From the last point to there, likewise.
     """
-    nearest, *others = sorted(range(len(states)), key=lambda k: abs(places[k] - at))
-    state = states[nearest].copy()
+    nearest, *others = sorted(range(len(points)), key=lambda k: abs(places[k] - at))
+    state = points[nearest].state.copy()
     for k in others:
         apart = places[nearest] - places[k]
         if abs(apart) > _APART * abs(step):
             share = (at - places[nearest]) / apart
-            state.positions += share * (state.positions - states[k].positions)
-            state.tip += share * (state.tip - states[k].tip)
+            state.positions += share * (state.positions - points[k].state.positions)
+            state.tip += share * (state.tip - points[k].state.tip)
             break
     return state

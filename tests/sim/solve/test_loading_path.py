@@ -56,10 +56,12 @@ def test_a_step_carries_no_point_farther_than_allowed() -> None:
     assert _carried(0.5, load_n=2.0).load_at(0.3) == 2.0
 
 
-def test_depth_and_force_end_where_they_are_to() -> None:
-    """Both ends are met to their rounding, and a newton's step is as long as a depth's."""
+def test_depth_and_force_go_straight_down() -> None:
+    """A newton takes 1/k of way; both ends are met to their rounding."""
     depth = Phase(goal="1 mm", start=0.0, end=1e-3, exact=1e-14, step_max_m=5e-5)
     force = ForcePhase(goal="2 N", start=0.0, end=2.0, exact=2e-12, step_max_m=5e-5)
+    np.testing.assert_array_equal(depth.rate(400.0)[0], [0.0, 0.0, -1.0])
+    np.testing.assert_allclose(force.rate(400.0)[0], [0.0, 0.0, -1.0 / 400.0])
     assert force.longest(400.0) == pytest.approx(400.0 * 5e-5)
     assert force.load_at(1.5) == 1.5
     assert depth.is_short_of(1e-3 - 1e-12)

@@ -11,6 +11,7 @@ from sim.solve.model import Model
 from sim.solve.overlap_and_inversion import (
     OVERLAP_SHARE,
     inverted_share,
+    overlap_fraction,
     refuse_deep_overlap,
     untangle,
 )
@@ -30,6 +31,20 @@ def _touching(model: Model, depth_m: float) -> State:
     """Return the undeformed pad with the ball at a depth."""
     touch = touch_height(model, BALL, model.nodes, centre_m=(0.0, 0.0), rotation=np.eye(3))
     return model.rest_state(tip=np.array([0.0, 0.0, touch - depth_m]))
+
+
+@pytest.mark.parametrize("way_m", [1e-6, 0.1e-3, 1e-3])
+def test_the_indenter_goes_in_no_deeper_than_allowed(model: Model, way_m: float) -> None:
+    """After the fraction of a way down no gap is below the share of the height; up is free."""
+    state, still = _touching(model, 0.0), np.zeros_like(model.nodes)
+    down = state.tip - np.array([0.0, 0.0, way_m])
+    fraction = overlap_fraction(model, BALL, state, down, still)
+    assert 0.0 < fraction <= 1.0
+    state.tip = state.tip + fraction * (down - state.tip)
+    allowed = OVERLAP_SHARE * model.height_m
+    assert model.surface.gaps(model.nodes, BALL, state).min() >= -allowed * (1.0 + 1e-12)
+    up = state.tip + np.array([0.0, 0.0, way_m])
+    assert overlap_fraction(model, BALL, state, up, still) == 1.0
 
 
 def test_a_slight_overlap_is_no_reason_to_refuse(model: Model) -> None:
