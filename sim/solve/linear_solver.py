@@ -269,8 +269,7 @@ class StiffnessFactor:
             ConvergenceError: No safe matrix was found.
         """
         model = self._model
-        # What was indefinite is likely to be so again.
-        for attempt in range(max(first, min(self.attempt, 1)), 2 + len(_SHIFTS)):
+        for attempt in range(first, 2 + len(_SHIFTS)):
             contact = model.surface.forces(state.positions, self._indenter, state)
             data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
             shift = _SHIFTS[max(0, attempt - 2)]

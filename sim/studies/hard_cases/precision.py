@@ -71,7 +71,7 @@ def _single_presses() -> list[dict[str, Any]]:
     with TemporaryDirectory() as folder:
         for path in origin.rglob("*"):
             copy = Path(folder) / origin.name / path.relative_to(origin)
-            if path.suffix not in (".py", ".toml", ".json") or not path.is_file():
+            if path.suffix not in (".py", ".cu", ".toml", ".json") or not path.is_file():
                 continue
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(in_single_precision(path.read_text(encoding="utf-8")), encoding="utf-8")
