@@ -58,7 +58,8 @@ def test_it_imports_again(ours: RunStore, form: Format, held_off: float, tmp_pat
         assert theirs is not None
         assert own is not None
         assert theirs.force_measured_n == pytest.approx(own.force_measured_n, rel=held_off)
-        assert theirs.depth_measured_m == pytest.approx(own.depth_measured_m, rel=held_off + 1e-3)
+        # Contact is found to a sample of the search, at 1 mm/s and 100 Hz.
+        assert theirs.depth_measured_m == pytest.approx(own.depth_measured_m, rel=0.0, abs=1e-5)
         back, sent = recording_of(store, trial), recording_of(ours, trial)
         zero = 0.0
         if form is Format.LEROBOT:
