@@ -42,7 +42,7 @@ _REMEMBERED = 8
 # from it, of a rounded body without friction and of any other, for which the way matters; and the
 # residual with which the steps before the last may end.
 _STEP_SHARES, _ARM_SHARE, _INTERMEDIATE = (0.2, 0.1), 0.75, 1e-2
-# Of an edge of the mesh: radius that a sharp edge is given.
+# Of an edge of the mesh: radius that a sharp edge is given, and up to which a fillet is one.
 _RIM_SHARE = 0.1
 
 
@@ -149,7 +149,8 @@ class Batch:
             own = [element_constants(model.mesh, each) for each in materials]
         touched = model.discretisation.touched_element
         young_pa = np.array([young[touched] for young, _ in own])
-        edged = sharp(indenters)[np.asarray(which)]
+        rim_m = _RIM_SHARE * edge_of(model)
+        edged = sharp(indenters, rim_m)[np.asarray(which)]
         longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
@@ -171,9 +172,7 @@ class Batch:
         self.descents = Descents(
             model,
             IndenterSet(
-                bodies=self.indenters,
-                which=tuple(int(k) for k in which),
-                rounding_m=_RIM_SHARE * edge_of(model),
+                bodies=self.indenters, which=tuple(int(k) for k in which), rounding_m=rim_m
             ),
             self.inverse,
             count=self.count,

@@ -21,6 +21,8 @@ _MOST_BIAS = wp.constant(wp.float64(0.5))
 # ends, how a base at hand stiffens it, and how much rounding may take off.
 _LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.6))
 _NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
+# Of the pad's height: mean overlap from which errors of F_z grow, and by how much for all of it.
+_DEEP_FROM, _DEEP = wp.constant(wp.float64(0.25)), wp.constant(wp.float64(1.0))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -272,11 +274,15 @@ def arrive(
 
 @wp.func
 def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.vec4d):
-    """Return a contact's force [N] by what it overlaps of the resting gel, and how light it is."""
-    force, share, zero = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+    """Return a contact's force [N] by what it overlaps of the resting gel, and how light it is.
+
+    The third is by what share of the pad's height it overlaps more than errors are known for.
+    """
+    force, share, deep, zero = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
     volume = touched[b, 8]
     if volume > zero and light[0] > zero:
         depth, height = touched[b, 9] / volume, touched[b, 12] / volume
+        deep = wp.max(depth / height - _DEEP_FROM, zero)
         x, y = touched[b, 10] / volume, touched[b, 11] / volume
         xx, yy = touched[b, 13] / volume - x * x, touched[b, 14] / volume - y * y
         xy = touched[b, 15] / volume - x * y
@@ -289,7 +295,7 @@ def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.
             force = light[0] * depth * radius * wp.exp(more)
             four = wp.float64(4.0)
             share = wp.exp(-wp.pow(radius / _LIGHT, four) - wp.pow(steep / _STEEP, four))
-    return force, share
+    return force, share, deep
 
 
 @wp.kernel(enable_backward=False)
@@ -326,7 +332,7 @@ def note(
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
         own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS)
-        by_rest, share = light_contact(history.touched, b, light[b])
+        by_rest, share, deep = light_contact(history.touched, b, light[b])
         if share > _NOTHING and force > wp.float64(0.0):
             own += share * (wp.log(force / by_rest) - own)
         own += (by[0] + by[1] * x) * x
@@ -346,7 +352,8 @@ def note(
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] * wp.exp(-own)
                 narrow = left[b][1] * terms[1]
-                found.error[f, b] = left[b][0] + narrow + share * (light[b][3] - narrow)
+                beside = share * (light[b][3] - narrow) + _DEEP * deep
+                found.error[f, b] = left[b][0] + narrow + beside
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
                 found.residual[f, b] = d.residual[b] / load

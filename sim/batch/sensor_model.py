@@ -156,11 +156,12 @@ def reach_of(model: Model) -> float:
     return model.contact_options.distance_m + edge_of(model)
 
 
-def sharp(indenters: Sequence[Indenter]) -> NDArray[np.bool_]:
-    """Return which bodies have edges that are sharp, or not known to be rounded."""
+def sharp(indenters: Sequence[Indenter], rim_m: float) -> NDArray[np.bool_]:
+    """Return which bodies have edges that are rounded by a radius [m] at most, or nobody knows."""
     return np.array(
         [
-            isinstance(each, MeshIndenter) or (isinstance(each, Cylinder) and not each.fillet_m)
+            isinstance(each, MeshIndenter)
+            or (isinstance(each, Cylinder) and each.fillet_m <= rim_m)
             for each in indenters
         ]
     )
