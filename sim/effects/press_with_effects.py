@@ -291,11 +291,18 @@ def end_state(
     path.options = options or path.options
     if not has_own_way(scene, plan):
         return EndState(path=path, point=follow(scene, path))
-    coarse = path_for(way_of(scene), plan, device=device, keeps_all=keeps_all)
-    try:
-        last = follow(way_of(scene), coarse)
-        point = carried_over(scene, coarse, last, path)
-    except ConvergenceError:
+    rough = way_of(scene)
+    # Long steps may lead a way into folds that its end cannot be settled from; shorter ones do not.
+    ways = [rough, replace(rough, tolerance=_ROUGH_FROM / 2.0)]
+    for way in ways if (rough.tolerance or 0.0) >= _ROUGH_FROM else [rough]:
+        coarse = path_for(way, plan, device=device, keeps_all=keeps_all)
+        try:
+            last = follow(way, coarse)
+            point = carried_over(scene, coarse, last, path)
+            break
+        except ConvergenceError:
+            continue
+    else:
         return EndState(path=path, point=follow(scene, path))
     path.counts.newton_iterations += coarse.counts.newton_iterations
     path.counts.wall_s += coarse.counts.wall_s
