@@ -40,7 +40,8 @@ _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
 _ROUGH_END = 2e-4
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
-# Where a tolerance leaves a way as much as this, its steps are so many times longer.
+# Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
+# ends, F_z of 40 drawn presses at 5 % changes by -0.84 to +0.45 %, under a tilted punch by -1.7 %.
 _ROUGH_FROM, _ROUGH_STEPS = 0.1, 4.0
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
