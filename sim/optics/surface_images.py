@@ -7,7 +7,7 @@ import warp as wp
 
 from sim.device import Device
 from sim.fields.saved_press import top_surface
-from sim.optics.colour.colour_model import ColourModel
+from sim.optics.colour.model_interface_and_response import ColourModel
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
 from sim.optics.markers.marker_tracking import find_markers

@@ -16,7 +16,7 @@ from sim.effects.press_with_effects import CoarsePath, path_for
 from sim.error_estimate import coarse_reference, estimate_from
 from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.saved_press import top_surface
-from sim.optics.colour.colour_model import ColourModel
+from sim.optics.colour.model_interface_and_response import ColourModel
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry

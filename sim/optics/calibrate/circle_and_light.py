@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profiles, rest_slopes
-from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.nominal_optics import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.markers.marker_tracking import (

@@ -20,7 +20,7 @@ from sim.optics.calibrate.circle_and_light import (
     seen_change,
 )
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
-from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import least_squares
 
-from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
+from sim.optics.colour.model_interface_and_response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     GRAZED_EXPONENTS,

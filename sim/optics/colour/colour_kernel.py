@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.colour.colour_model import CREASE_UNIT_M, INDENTATION_UNIT_M
+from sim.optics.colour.model_interface_and_response import CREASE_UNIT_M, INDENTATION_UNIT_M
 from sim.optics.pixels.blur_and_exposure_kernel import Layout, bend_of, place_of
 
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.

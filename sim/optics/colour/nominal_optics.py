@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.optics.colour.colour_model import ColourModel, PixelColours
+from sim.optics.colour.model_interface_and_response import ColourModel, PixelColours
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     GRAZED_EXPONENTS,

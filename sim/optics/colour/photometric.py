@@ -25,7 +25,7 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import TypeAdapter
 
-from sim.optics.colour.colour_model import (
+from sim.optics.colour.model_interface_and_response import (
     BRIGHTEST,
     CREASE_UNIT_M,
     INDENTATION_UNIT_M,

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from sim.device import Device
-from sim.optics.colour.colour_model import ColourModel, PixelColours, SampleColours
+from sim.optics.colour.model_interface_and_response import ColourModel, PixelColours, SampleColours
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels import blur_and_exposure_kernel as kernels

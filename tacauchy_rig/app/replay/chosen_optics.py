@@ -12,7 +12,7 @@ from sim.optics.calibrate.circle_and_light import pressed_scene
 from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
 from sim.optics.calibrate.pixel_scale import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.shadow_blur_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
-from sim.optics.colour.colour_model import ColourModel
+from sim.optics.colour.model_interface_and_response import ColourModel
 from sim.optics.colour.nominal_optics import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.render.renderer import GREY_LEVEL

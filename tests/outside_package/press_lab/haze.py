@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.optics.colour.colour_model import PixelColours
+from sim.optics.colour.model_interface_and_response import PixelColours
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.lamps_and_optics import Lamp, Renderer
 from tacauchy_rig.core.arrays import Float32Array, RealArray
@@ -25,7 +25,7 @@ _WINDOW = 20.0  # grey levels between a slope that faces the window and a level 
 
 @dataclass(frozen=True)
 class Haze:
-    """Obeys ``sim.optics.colour.colour_model.ColourModel``."""
+    """Obeys ``sim.optics.colour.model_interface_and_response.ColourModel``."""
 
     brightest: float
     depth_m: float

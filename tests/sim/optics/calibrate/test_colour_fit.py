@@ -26,7 +26,7 @@ from sim.optics.calibrate.photometric_least_squares import (
     _Search,
     fit_photometric,
 )
-from sim.optics.colour.colour_model import LINEAR
+from sim.optics.colour.model_interface_and_response import LINEAR
 from sim.optics.colour.photometric import BALL_EXPONENTS
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model

@@ -18,7 +18,7 @@ from sim.optics.calibrate.shadow_blur_fit import (
     read_shadows,
     without_shadows,
 )
-from sim.optics.colour.colour_model import Response
+from sim.optics.colour.model_interface_and_response import Response
 from sim.optics.colour.nominal_optics import exponents_for
 from sim.optics.render.lamp_rays import darkening
 from sim.optics.render.renderer import TactileRenderer

@@ -16,7 +16,7 @@ from sim.optics.calibrate.photometric_least_squares import (
     fit_photometric,
     fit_terms,
 )
-from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,

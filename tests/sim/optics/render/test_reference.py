@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.optics.calibrate.photometric_least_squares import PhotometricSamples, fit_photometric
-from sim.optics.colour.colour_model import PixelColours, SampleColours
+from sim.optics.colour.model_interface_and_response import PixelColours, SampleColours
 from sim.optics.colour.nominal_optics import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
