@@ -4,9 +4,9 @@ Ranges with their reasons stand in ``ceilings.toml``, rules between keys in ``ru
 """
 
 from enum import StrEnum
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NoReturn, Self
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from tacauchy_rig.core.config.field_ranges import (
     Acceleration,
@@ -23,6 +23,7 @@ from tacauchy_rig.core.config.field_ranges import (
     Time,
     Torque,
 )
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, unknown
 
 EMULATED = "emulated"
@@ -46,6 +47,13 @@ Sign = Literal[-1, 1]
 Lamp = Annotated[int, Field(ge=0, le=15)]
 
 
+class Options(dict[str, bool | int | float | str]):
+    """What a driver of another package asks for; a key that the file lacks is no program fault."""
+
+    def __missing__(self, key: str) -> NoReturn:
+        raise ConfigError(f"options: {key} is missing", remedy="add it below the device's options")
+
+
 class DeviceSection(Section):
     """A device by the name that the registry knows it by.
 
@@ -53,8 +61,8 @@ class DeviceSection(Section):
     """
 
     driver: str
-    options: dict[str, bool | int | float | str] = Field(
-        default_factory=dict, exclude_if=lambda options: not options
+    options: Annotated[dict[str, bool | int | float | str], AfterValidator(Options)] = Field(
+        default_factory=Options, exclude_if=lambda options: not options
     )
 
     @property

@@ -47,6 +47,15 @@ def test_the_filled_in_example_is_a_real_rig(tmp_path: Path) -> None:
     assert {loaded.sources[field] for field in (*ARM_REQUIRES, *CELL_REQUIRES)} == {str(path)}
 
 
+def test_an_option_that_the_file_lacks_is_named() -> None:
+    """A driver of another package that asks for it does not look like a fault of the program."""
+    loaded = load_config(overrides=["camera.options.offset=3"])
+    assert loaded.config.camera.options == {"offset": 3}
+    for section in (loaded.config.camera, loaded.config.force_sensor):
+        with pytest.raises(ConfigError, match="gain is missing"):
+            _ = section.options["gain"]
+
+
 def test_each_value_remembers_where_it_came_from(tmp_path: Path) -> None:
     """The command line is laid over the file, the file over the defaults, key by key."""
     path = tmp_path / "rig.toml"
