@@ -39,17 +39,16 @@ def require_devices(config: RigConfig) -> None:
     Raises:
         DeviceError: One or more do not answer; each is named with what to do.
     """
-    devices: tuple[tuple[Kind, Any, tuple[object, ...]], ...] = (
+    errors = []
+    for kind, section, others in (
         (Kind.ARM, config.robot, ()),
         (Kind.FORCE_SENSOR, config.force_sensor, (None,)),
         (Kind.CAMERA, config.camera, ()),
-    )
-    errors = []
-    for kind, section, others in devices:
+    ):
         try:
             if section.is_real and section.driver == "ur5":
-                report = probe_controller(section.host, timeout_s=section.connect_timeout)
-                require_ready(report, model=section.model)
+                report = probe_controller(config.robot.host, timeout_s=config.robot.connect_timeout)
+                require_ready(report, model=config.robot.model)
             elif section.is_real:
                 device = load(kind, section.driver)(config, *others)
                 with _connected(device):

@@ -55,8 +55,7 @@ EMERGENCY_STOP = Safety(  # the arm loses its power
 
 
 def _zero(type_name: str) -> Value:
-    layout = TYPE_FORMATS[type_name]
-    return (0,) * int(layout[:-1] or "1")
+    return (0,) * int(TYPE_FORMATS[type_name][:-1] or "1")
 
 
 class ControllerBody:

@@ -186,8 +186,7 @@ def judged_depth(scene: Scene) -> float:
     if scene.target.depth_m is not None:
         return scene.target.depth_m
     fast = cheapest_setting.FAST.applied(scene)
-    plan = plan_effects(fast)
-    return follow(fast, path_for(fast, plan)).depth_m
+    return follow(fast, path_for(fast, plan_effects(fast))).depth_m
 
 
 def _everything_on(scene: Scene) -> Scene:

@@ -119,14 +119,11 @@ def _flattening_place(
 
     def excess_deg(share: float) -> float:
         moved[node] = start + share * (goal - start)
-        return _smallest_angle(moved, star) - dihedral_deg
+        flattened = TetMesh(vertices=moved, tets=star, name="star")
+        return smallest_dihedral_deg(flattened) - dihedral_deg
 
     share = scipy.optimize.bisect(excess_deg, 0.0, 1.0, xtol=1e-12)
     return np.asarray(start + share * (goal - start))
-
-
-def _smallest_angle(vertices: FloatArray, tets: IntArray) -> float:
-    return smallest_dihedral_deg(TetMesh(vertices=vertices, tets=tets, name="star"))
 
 
 _DEPTH_SHARE = 0.8
@@ -251,8 +248,7 @@ def _pressed_at(scene: Scene) -> Measured:
 
 _STRETCH = np.array([[1.08, 0.05, -0.03], [0.02, 0.93, 0.04], [0.01, -0.06, 1.05]])
 _OBJECTIVE = (LawName.STABLE_NEO_HOOKEAN, LawName.NEO_HOOKEAN)
-_LINEAR = LawName.LINEAR
-_REST_STABLE = (*_OBJECTIVE, _LINEAR)
+_REST_STABLE = (*_OBJECTIVE, LawName.LINEAR)
 _NEWTON_STEPS = 8
 
 

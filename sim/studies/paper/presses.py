@@ -148,5 +148,4 @@ def rest_stress_pa(law: LawName) -> float:
     """Return the normal stress that a law leaves in the gel at rest, by Algorithm 1 [Pa]."""
     scene = scenes()[THIN]
     model = build_model(replace(scene, material=replace(scene.material, law=law)))
-    stress = surface_stress(model, model.nodes)
-    return float(np.median(stress.normal_pa))
+    return float(np.median(surface_stress(model, model.nodes).normal_pa))
