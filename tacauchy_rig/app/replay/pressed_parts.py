@@ -88,8 +88,8 @@ def modulus_of(simulated: Sequence[tuple[Part, History]]) -> ModulusFit | None:
         say("  fewer than two trials have both force and depth: the stated modulus is used")
     else:
         say(
-            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-            f"modulus (+-{fit.factor_deviation:.3f} between them)"
+            f"  {fit.trial_count} trials give {fit.factor:.3f} times the stated modulus "
+            f"(scatter +-{fit.factor_deviation:.3f})"
         )
     return fit
 
