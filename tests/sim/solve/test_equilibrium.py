@@ -89,7 +89,7 @@ def test_a_point_in_a_corner_rests_where_its_force_jumps() -> None:
     scene = replace(scene, refinement=0.3, tolerance=0.5)
     path = path_for(scene, plan_effects(scene))
     point = follow(scene, path)
-    size = np.linalg.norm(point.force_n)
+    size = float(np.linalg.norm(point.force_n))
     assert point.equilibrium.stalled
     assert point.equilibrium.residual_n < 1e-3 * size
     reaction = point.equilibrium.elastic_gradient[path.model.clamped].sum(axis=0)
