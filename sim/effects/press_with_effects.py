@@ -43,7 +43,7 @@ _ROUGH_END = 2e-4
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
 # ends, F_z of 40 drawn presses at 5 % changes by -0.84 to +0.45 %, under a tilted punch by -1.7 %.
-_ROUGH_FROM, _ROUGH_STEPS, _USUAL_STEPS = 0.1, 4.0, 0.099
+_ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH = 0.1, 4.0, 0.099
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
 # 2.0 %, for 1.3 to 1.8 times the time.
@@ -295,7 +295,7 @@ def end_state(
         return EndState(path=path, point=follow(scene, path))
     rough = way_of(scene)
     # Long steps may lead a way into folds that its end cannot be settled from; shorter ones do not.
-    shorter = replace(rough, tolerance=rough.tolerance and min(rough.tolerance, _USUAL_STEPS))
+    shorter = replace(rough, tolerance=rough.tolerance and min(rough.tolerance, _NOT_ROUGH))
     for way in dict.fromkeys((rough, shorter)):
         coarse = path_for(way, plan, device=device, keeps_all=keeps_all)
         with suppress(ConvergenceError):
