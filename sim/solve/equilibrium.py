@@ -14,7 +14,8 @@ all. They end when the residual, the norm of the unbalanced force, is
 - or *at a standstill that does no harm*: none of the last steps brought it below nine tenths of
   what it was before them, the stiffness is of one of them, and it is at most 3e-7 of the contact
   force or ten times the rounding's estimate. Rounding does that, and a contact point that goes on
-  and off in turn.
+  and off in turn. Where the last step was cut again and again, 1e-3 of the contact force will do:
+  a point that rests in a corner, between two nearest sides, leaves what its force jumps by.
 
 At a standstill further up they go on. After ``iteration_max`` steps a residual that does no harm is
 taken, and any other is an error.

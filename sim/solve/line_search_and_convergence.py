@@ -32,6 +32,9 @@ _ARMIJO = wp.constant(wp.float64(1e-4))
 _HALF = wp.constant(wp.float64(0.5))
 _SHORTEST = wp.constant(wp.float64(0.1))
 _TRIES = wp.constant(40)
+# At a standstill, a step cut as often as this ends where the force jumps: a point in a corner of a
+# body has two nearest sides, and rests between them.
+_TRIES_AT_JUMP = wp.constant(8)
 # A motion that overlaps is cut to where the gap falls to the allowed, or by this if that is less.
 CUT = wp.constant(wp.float64(0.9))
 # Rounding of a sum of energies, in units in the last place of the sum and of E times the volume.
@@ -147,6 +150,8 @@ def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
             d.status[b] = Status.DONE
             return
         harmless = wp.max(_HARMLESS_SHARE * scale, _ROUNDING_DOUBT * rounding)
+        if still and d.tries[b] >= _TRIES_AT_JUMP and not limits.keeps:
+            harmless = wp.max(harmless, _ROUGH * scale)
         if last <= harmless and settled:
             if is_last or (still and d.since[b] <= _WINDOW):
                 d.status[b] = Status.DONE
@@ -193,8 +198,6 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.fl
             d.status[b] = Status.TOO_NEAR
             return
     _check_convergence(d, b, limits, push)
-    if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
-        d.status[b] = Status.TOO_NEAR
 
 
 @wp.func
@@ -259,8 +262,6 @@ def decide(
         _take_direction(d, b, push)
     elif mode == Mode.RECHECK:
         _check_convergence(d, b, limits, push)
-        if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
-            d.status[b] = Status.TOO_NEAR
     else:
         accepted = wp.bool(True)
         if mode != Mode.HELD:
@@ -282,5 +283,7 @@ def decide(
             else:
                 grip = sums[Sum.GRIP] / wp.max(sums[Sum.LIMIT], NOTHING_AT_ALL)
                 _assess(d, b, limits, push, grip)
+    if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
+        d.status[b] = Status.TOO_NEAR
     if d.status[b] == Status.RUNNING and d.act[b] != Act.NOTHING:
         d.wanted[b] = 1

@@ -11,8 +11,9 @@ from sim.contact.surface_and_grip import State
 from sim.device import on_host
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import LIGHT, build_model, light_resolution
-from sim.effects.press_with_effects import path_for
+from sim.effects.press_with_effects import follow, path_for
 from sim.mesh.elements import ElementOrder
+from sim.press_arguments import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
@@ -79,6 +80,21 @@ def test_what_would_do_harm_is_an_error_after_the_last_iteration() -> None:
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
     with pytest.raises(ConvergenceError, match=r"after 2 steps: residual .* N at a"):
         path.solver.settle(state, options=SolverOptions(iteration_max=2))
+
+
+def test_a_point_in_a_corner_rests_where_its_force_jumps() -> None:
+    """Between a cross's two nearest sides no step brings the residual down, and it is taken."""
+    words = "--sensor gelsight-mini --indenter object:cross --depth 0.424mm --preset fast"
+    scene = scene_from(f"{words} --at -6.62,4.74mm --tilt -0.21,-1.13deg")
+    scene = replace(scene, refinement=0.3, tolerance=0.5)
+    path = path_for(scene, plan_effects(scene))
+    point = follow(scene, path)
+    size = float(np.linalg.norm(point.force_n))
+    assert point.equilibrium.stalled
+    assert point.equilibrium.residual_n < 1e-3 * size
+    reaction = point.equilibrium.elastic_gradient[path.model.clamped].sum(axis=0)
+    assert reaction == pytest.approx(point.force_n, abs=1e-3 * size)
+    assert path.solver.evaluations < 1000
 
 
 PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)
