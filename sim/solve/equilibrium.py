@@ -27,6 +27,8 @@ after 50 steps. What is bonded knows no pressure: points that touch take hold in
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from sim.contact.surface_and_grip import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
@@ -34,14 +36,7 @@ from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import (
-    OVERLAP_SHARE,
-    TANGLED_SHARE,
-    faces_gel,
-    inverted_share,
-    refuse_deep_overlap,
-    untangle,
-)
+from sim.solve.overlap_and_inversion import OVERLAP_SHARE, faces_gel, refuse_deep_overlap
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -49,6 +44,8 @@ from tacauchy_rig.core.time_limit_and_progress import check_time
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
+# Share of the rest volume from which a start counts as inside out: steps lead into a knot.
+_TANGLED_SHARE = 0.1
 # Shares of d_hat below which the barrier is a parabola, tried one after the other.
 EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 
@@ -177,7 +174,7 @@ class EquilibriumSolver:
             self._was_held = load_n is None
         if self.model.relaxation is not None:
             descents.renew_gel()
-        self.energies_j, grip_start, spent, self._passes = [], state.grip, 0, 0
+        self.energies_j, grip_start, spent = [], state.grip, 0
         begins_anew, before = self._begins_anew, self.evaluations
         start, error = state.copy(), None
         self._begins_anew = True  # where this one fails
@@ -205,7 +202,7 @@ class EquilibriumSolver:
             first, status = self.evaluations, self._run(state, grip_start)
             spent += int(descents.get("steps")[0])
             if status == Status.DONE:
-                found = self._equilibrium(spent + self._passes)
+                found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
                     latest = first if extension != contact.extension else before
@@ -279,6 +276,7 @@ class EquilibriumSolver:
                 return status
             if status == Status.ASKS_START:
                 self._look_at_start(state)
+                self.take_factor(state)
                 self._upload(state, grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status == Status.ASKS_ROUNDING:
@@ -314,12 +312,12 @@ class EquilibriumSolver:
         )
 
     def _look_at_start(self, state: State) -> None:
-        """Turn a start inside out the right way round, if that lowers the energy."""
-        model, start = self.model, state.positions
-        tangled = model.gel.energy(start)[1] <= 0.0
-        if tangled and inverted_share(model, start) >= TANGLED_SHARE:
-            before = self.energy_j(state)
-            state.positions, self._passes = untangle(model, start)
+        """Begin at rest in place of a start that is inside out, if that lowers the energy."""
+        model, pad, ratios = self.model, self.model.discretisation, self._descents.gel_buffers[2]
+        inside_out = pad.volumes[on_host(ratios)[0] <= 0.0].sum()
+        if inside_out >= _TANGLED_SHARE * model.volume_m3:
+            before, start = self.energy_j(state), state.positions
+            state.positions = np.where(model.clamped[:, None], start, model.nodes)
             if self.energy_j(state) > before:
                 state.positions = start
         refuse_deep_overlap(model, self.indenter, state)

@@ -87,7 +87,7 @@ def random_start() -> Outcome:
             solver = EquilibriumSolver(model, _FAR)
             start = solver.energy_j(state)
             found = solver.settle(state, options=_PATIENT)
-            energies = [start, *solver.energies_j]
+            energies = [start, *solver.energies_j, solver.energy_j(state)]
             iterations = max(iterations, found.iterations)
             rises.append(float(np.diff(energies).max()) / energies[0])
             residual = max(
