@@ -192,7 +192,7 @@ class EquilibriumSolver:
                 floor=floor,
                 steps_max=options.iteration_max,
                 gap_least=contact.gap_least_m(extension),
-                rounding=-1.0,
+                rounding=self.model.gel.rounding_n,
                 checked=0,
                 rough=1,
             )
@@ -279,9 +279,6 @@ class EquilibriumSolver:
                 self.take_factor(state)
                 self._upload(state, grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
-            elif status == Status.ASKS_ROUNDING:
-                rounding = self.model.rounding_n(descents.contact())
-                descents.set(rounding=rounding, mode=Mode.RECHECK)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
                 self.take_factor(state, first=int(status == Status.ASKS_SAFER_FACTOR))
                 descents.set(mode=Mode.GO)

@@ -140,9 +140,6 @@ def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     still = stagnates(d.residuals[b], d.recorded[b])
     if is_last or still or last <= _SMALL_SHARE * scale:
         rounding = d.rounding[b]
-        if rounding < wp.float64(0.0):
-            d.status[b] = Status.ASKS_ROUNDING
-            return
         if last <= rounding and settled:
             d.status[b] = Status.DONE
             return
@@ -257,10 +254,6 @@ def decide(
     mode = d.mode[b]
     if mode == Mode.GO:
         _take_direction(d, b, push)
-    elif mode == Mode.RECHECK:
-        _check_convergence(d, b, limits, push)
-        if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
-            d.status[b] = Status.TOO_NEAR
     else:
         accepted = wp.bool(True)
         if mode != Mode.HELD:
