@@ -192,7 +192,6 @@ class Batch:
             floor=floor_n,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,
-            touches=1,
             gap_least=contact.gap_least_m(contact.extension),
         )
         # Contact begins so far off the indenter, which is held that much higher for it.

@@ -33,9 +33,8 @@ class Act(IntEnum):
 
     NOTHING = 0
     SOLVE = 1
-    LOWER = 2  # the indenter, which touches nothing
-    SHORTEN = 3
-    BACK = 4  # to where the step began
+    SHORTEN = 2
+    BACK = 3  # to where the step began
 
 
 @wp.struct
@@ -72,7 +71,6 @@ class Descent:
     learns: wp.array(dtype=wp.int32)
     # 1 where the indenter is pushed with ``load`` [N], and its height is an unknown
     pushed: wp.array(dtype=wp.int32)
-    touches: wp.array(dtype=wp.int32)  # 1 where the factored gel holds the indenter
     attempt: wp.array(dtype=wp.int32)  # of the factor: 0 exact, above ever safer
     checked: wp.array(dtype=wp.int32)  # 1 where the start was looked at
     # 1 until the residual is small enough to tell whether gaps will do

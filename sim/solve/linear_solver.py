@@ -216,8 +216,9 @@ def _address(array: NDArray[Any]) -> ctypes.c_void_p:
 logger = logging.getLogger(__name__)
 # Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
-# A stiffness that is none, over E H with the pad's height H.
-_HELD = 1e-13
+# Least stiffness that holds a pushed indenter, over E H with the pad's height H: where nothing
+# touches it goes down by the longest step.
+_HELD = 1e-6
 
 
 class StiffnessFactor:
@@ -279,21 +280,15 @@ class StiffnessFactor:
             remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
         )
 
-    @property
-    def touches(self) -> bool:
-        """The gel holds the indenter; without, a load has no direction to go by."""
-        return self._corner > self._least
-
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
         right = on_host(sources)[0]
         solved = np.append(self._solver.solve(right[:-1]), 0.0)
-        if not self.held and self.touches:
+        if not self.held:
             border, along = self._pushed()
-            corner = self._corner - float(border @ along)
-            if corner > self._least:
-                solved[-1] = (right[-1] - solved[:-1] @ border) / corner
-                solved[:-1] -= solved[-1] * along
+            corner = max(self._corner - float(border @ along), self._least)
+            solved[-1] = (right[-1] - solved[:-1] @ border) / corner
+            solved[:-1] -= solved[-1] * along
         if self._model.device == "cpu":
             found.numpy()[0] = solved
         else:
