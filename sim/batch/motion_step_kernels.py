@@ -301,7 +301,6 @@ def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.
 @wp.kernel(enable_backward=False)
 def note(
     # Model:
-    floor: wp.float64,
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
@@ -346,7 +345,7 @@ def note(
             history.corrected[b] = 0
             motions.done[b] = motions.done[b] + 1
             if ends:
-                load = wp.max(d.scale[b], floor)
+                load = wp.max(d.scale[b], d.floor[b])
                 for k in range(7):
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
