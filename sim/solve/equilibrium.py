@@ -129,7 +129,6 @@ class EquilibriumSolver:
         self.model, self.indenter, self.reuse = model, indenter, reuse
         self.factor = StiffnessFactor(model, indenter, potential)
         self.energies_j: list[float] = []
-        self._potential = potential
         self._descents = Descents(
             model,
             indenter,
@@ -149,7 +148,7 @@ class EquilibriumSolver:
 
     def replace_potential(self, potential: Potential | None) -> None:
         """Take another energy of the nodes from now on."""
-        self._potential = self.factor.potential = potential
+        self.factor.potential = potential
         self._descents.replace_potential(potential)
 
     def settle(
@@ -241,13 +240,6 @@ class EquilibriumSolver:
             "indenter",
         )
 
-    def energy_j(self, state: State) -> float:
-        """Return a state's energy, of gel, contact and potential [J]."""
-        elastic, _ = self.model.gel.energy(state.positions)
-        stored = self.model.surface.energy(state.positions, self.indenter, state)
-        more = 0.0 if self._potential is None else self._potential.energy(state.positions)
-        return elastic + stored + more
-
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
         self.factor.renew(state, first=first)
@@ -308,14 +300,11 @@ class EquilibriumSolver:
         )
 
     def _look_at_start(self, state: State) -> None:
-        """Begin at rest in place of a start that is inside out, if that lowers the energy."""
-        model, pad, ratios = self.model, self.model.discretisation, self._descents.gel_buffers[2]
-        inside_out = pad.volumes[on_host(ratios)[0] <= 0.0].sum()
+        """Begin at rest in place of a start that is inside out."""
+        model, ratios = self.model, on_host(self._descents.gel_buffers[2])[0]
+        inside_out = model.discretisation.volumes[ratios <= 0.0].sum()
         if inside_out >= _TANGLED_SHARE * model.volume_m3:
-            before, start = self.energy_j(state), state.positions
-            state.positions = np.where(model.clamped[:, None], start, model.nodes)
-            if self.energy_j(state) > before:
-                state.positions = start
+            state.positions = np.where(model.clamped[:, None], state.positions, model.nodes)
         refuse_deep_overlap(model, self.indenter, state)
 
     def _equilibrium(self, iterations: int) -> Equilibrium:

@@ -85,9 +85,9 @@ def random_start() -> Outcome:
             anywhere = np.random.default_rng(seed).uniform(low, high, size=model.nodes.shape)
             state = _started(model, anywhere)
             solver = EquilibriumSolver(model, _FAR)
-            start = solver.energy_j(state)
+            start = small_pads.stored_j(model, _FAR, state)
             found = solver.settle(state, options=_PATIENT)
-            energies = [start, *solver.energies_j, solver.energy_j(state)]
+            energies = [start, *solver.energies_j, small_pads.stored_j(model, _FAR, state)]
             iterations = max(iterations, found.iterations)
             rises.append(float(np.diff(energies).max()) / energies[0])
             residual = max(
@@ -251,7 +251,7 @@ def slide_and_return() -> dict[str, float]:
     )
     path = LoadingPath(model, small_pads.BALL, step_max_m=_SLIDE_STEP_M)
     point = path.advance(_DEPTH_M)
-    stored, work = path.solver.energy_j(point.state), 0.0
+    stored, work = small_pads.stored_j(model, path.indenter, point.state), 0.0
     balances, gaps, lost = [], [], []
     for sign in _SLIDE_SIGNS:
         before = point
@@ -266,7 +266,8 @@ def slide_and_return() -> dict[str, float]:
         "gap_min_m": min(gaps),
         "point_min_j": min(least for least, _ in lost),
         "dissipated_j": sum(total for _, total in lost),
-        "work_less_stored_j": work - (path.solver.energy_j(point.state) - stored),
+        "work_less_stored_j": work
+        - (small_pads.stored_j(model, path.indenter, point.state) - stored),
     }
 
 

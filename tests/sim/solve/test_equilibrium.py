@@ -235,7 +235,6 @@ def test_forces_are_those_of_the_model(model: Model) -> None:
         stored = model.surface.energy(state.positions, PUNCH, state)
         whole = model.gel.energy(state.positions)[0] + stored
         assert energy_j == pytest.approx(whole, rel=1e-12)
-        assert path.solver.energy_j(state) == pytest.approx(whole, rel=1e-12)
 
 
 @pytest.mark.parametrize(
