@@ -55,9 +55,6 @@ class SolverOptions:
     """When the steps stop."""
 
     residual_relative: float = 1e-8  # residual norm over the contact force's norm
-    # Residual norm that is always enough [N], as is the rounding's; None is 1.5e-11 E H^2 with the
-    # pad's height H, so that it scales with the problem
-    residual_floor_n: float | None = None
     load_relative: float = 1e-7  # the same where a load is asked for, which is met as closely
     # Most steps for one form of the barrier, which is relaxed where gel stays too near; each form
     # begins to count anew
@@ -174,13 +171,10 @@ class EquilibriumSolver:
         if self.model.relaxation is not None:
             descents.renew_gel()
         self.energies_j, grip_start, spent = [], state.grip, 0
-        begins_anew, before = self._begins_anew, self.evaluations
-        start, error = state.copy(), None
+        begins_anew, start, error = self._begins_anew, state.copy(), None
         self._begins_anew = True  # where this one fails
         self.factor.held = load_n is None
-        floor = options.residual_floor_n
-        if floor is None:
-            floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
+        floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
         # What was too stiff a while ago is likely to be so again.
         for extension in [each for each in self._extensions if each <= state.extension]:
             state.extension = extension
@@ -204,8 +198,7 @@ class EquilibriumSolver:
                 found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
-                    latest = first if extension != contact.extension else before
-                    self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
+                    self._begins_anew = self.evaluations - first > self.reuse.evaluations_max
                     return found
                 # The next states would pass through this barrier, too.
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
