@@ -27,6 +27,7 @@ from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
+from sim.tilt_sensitivity import NO_FORCE_N
 from sim.tolerance import Tolerance
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
@@ -37,8 +38,6 @@ History = tuple[tuple[float, float], ...]
 """(depth [m], F_z [N])."""
 # Of a force: so much at least is left to be pushed.
 _FORCE_LEFT_SHARE = 1e-3
-# Less is first touch [N]: the depth of a gel there is nanometres.
-_NO_FORCE_N = 1e-5
 _PATH_DEPENDENT = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
 
 
@@ -205,7 +204,7 @@ def replay_forces(
         path = reference.path.stiffer(stiffer)
         passed = IntermediateStates(reference.path, largest_n, stiffer=stiffer)
     touch = 0.0
-    if depths_from_n and depths_from_n > _NO_FORCE_N:
+    if depths_from_n and depths_from_n > NO_FORCE_N:
         touch = path.push(depths_from_n).depth_m
     errors, last_n = _StatedErrors(scene, plan), 0.0
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None

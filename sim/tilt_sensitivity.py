@@ -32,8 +32,8 @@ from tacauchy_rig.core.store.atomic_write import write_atomically
 # preset fast's, and 4.2 % on preset balanced's; 0.1 mm of height 2.3, 2.5 and 2.3 %; 29 um of
 # fillet 2.0, 0.7 and 0.9 %.
 COARSE, FINER = 0.7, 1.0
-# Less is first touch [N]: the depth of a gel there is nanometres.
-_NO_FORCE_N = 1e-5
+NO_FORCE_N = 1e-5
+"""Less is first touch [N]: the depth of a gel there is nanometres."""
 
 
 def forces_at(
@@ -63,7 +63,7 @@ def forces_at(
     plan = full_plan(scene)
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     path = path_for(scene, plan)
-    touched_m = path.push(contact_force_n).depth_m if contact_force_n > _NO_FORCE_N else 0.0
+    touched_m = path.push(contact_force_n).depth_m if contact_force_n > NO_FORCE_N else 0.0
     forces_n = np.zeros(len(depths_m))
     for position in np.argsort(depths_m):
         if duration_s is not None:

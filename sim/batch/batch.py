@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sim.batch import motion_step_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
-from sim.batch.motion_steps import Frames
+from sim.batch.motion_steps import BatchOptions, Frames
 from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp, stiffness_of
 from sim.contact.barrier_and_friction_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
@@ -38,31 +38,11 @@ _FLOOR_SHARE = 1e-9
 _SUMMED_SHARE = 1e3
 # Steps that an environment remembers.
 _REMEMBERED = 8
-# Of the pad's height: the longest way of an indenter in one step, of its tip or of a point so far
-# from it, of a rounded body without friction and of any other, for which the way matters; and the
-# residual with which the steps before the last may end.
-_STEP_SHARES, _ARM_SHARE, _INTERMEDIATE = (0.2, 0.1), 0.75, 1e-2
+# Of the pad's height: the longest way of an indenter in one step, of a rounded body without
+# friction and of any other, for which the way matters.
+_STEP_SHARES = (0.2, 0.1)
 # Of an edge of the mesh: radius that a sharp edge is given, and up to which a fillet is one.
 _RIM_SHARE = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BatchOptions:
-    """Settings of the solver.
-
-    Attributes:
-        residual_relative: Largest allowed norm of the unbalanced force, and difference of base
-            reaction and indenter force, both divided by the contact force.
-        steps_max: Largest number of solver steps in one descent.
-        halvings_max: How often a step that does not converge is halved.
-        accepts_residual: Accept the residual that is left after ``steps_max`` steps. Every step
-            then costs about the same, as learning needs.
-    """
-
-    residual_relative: float = 1e-3
-    steps_max: int = 300
-    halvings_max: int = 4
-    accepts_residual: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +123,7 @@ class Batch:
         _refuse(model, indenters, which, friction)
         self.options = options or BatchOptions()
         self._device = device = Device(model.device)
-        contact, floor_n = model.contact_options, _FLOOR_SHARE * model.young_pa * model.height_m**2
+        contact = model.contact_options
         own = [model.materials] * self.count
         if materials is not None:
             own = [element_constants(model.mesh, each) for each in materials]
@@ -154,7 +134,6 @@ class Batch:
         longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, short, longest)
-        self._floor_n = floor_n
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
@@ -189,10 +168,9 @@ class Batch:
         self.inverse.serve(self.descents)
         self.descents.set(
             status=Status.DONE,
-            floor=floor_n,
+            floor=_FLOOR_SHARE * model.young_pa * model.height_m**2,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,
-            touches=1,
             gap_least=contact.gap_least_m(contact.extension),
         )
         # Contact begins so far off the indenter, which is held that much higher for it.
@@ -312,19 +290,14 @@ class Batch:
         """Go along goals, pushed by loads where they are given."""
         frame_count = len(goals)
         if frame_count not in self._frames:
-            options, enough = self.options, self.options.residual_relative
             self._frames[frame_count] = Frames(
                 self.descents,
                 self._history,
                 self._rest,
                 frame_count,
                 longest_m=self._step_m,
-                arm_m=_ARM_SHARE * self.model.height_m,
                 bias=self._bias,
-                floor_n=self._floor_n,
-                enough=(enough, max(enough, _INTERMEDIATE)),
-                halvings_max=options.halvings_max,
-                accepts_residual=options.accepts_residual,
+                options=self.options,
             )
         frames = self._frames[frame_count]
         frames.motions.goals.assign(goals)

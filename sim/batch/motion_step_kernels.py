@@ -103,12 +103,6 @@ def start_descent(d: Descent, memory: Memory, b: wp.int32, lags: wp.bool):
 
 
 @wp.func
-def here(history: History, b: wp.int32) -> wp.transformd:
-    """Return the pose of an environment's last state."""
-    return wp.transformd(history.tips[b, 0], history.turns[b])
-
-
-@wp.func
 def goal_of(motions: Motions, b: wp.int32) -> wp.transformd:
     """Return the pose at the end of the next frame, as it is held."""
     goal = motions.goals[motions.frame[b], b]
@@ -193,7 +187,7 @@ def begin(
         history.stage[b] = _UNDER_WAY
         f = motions.frame[b]
         if motions.parts[b] == 0:
-            motions.starts[b] = here(history, b)
+            motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
             longest, pushed = motions.longest[b], d.pushed[b] == 1
             motions.parts[b] = parts_of(
                 motions.starts[b], goal_of(motions, b), pushed, longest, arm
@@ -265,7 +259,7 @@ def arrive(
                 history.touched[b, k] = wp.float64(0.0)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
-            motions.starts[b] = here(history, b)
+            motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
             motions.parts[b] = 2 * wp.max(motions.parts[b] - motions.done[b], 1)
             motions.done[b] = 0
         else:
@@ -301,7 +295,6 @@ def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.
 @wp.kernel(enable_backward=False)
 def note(
     # Model:
-    floor: wp.float64,
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
@@ -346,7 +339,7 @@ def note(
             history.corrected[b] = 0
             motions.done[b] = motions.done[b] + 1
             if ends:
-                load = wp.max(d.scale[b], floor)
+                load = wp.max(d.scale[b], d.floor[b])
                 for k in range(7):
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):

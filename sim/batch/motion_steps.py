@@ -1,5 +1,6 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,28 @@ from tacauchy_rig.core.arrays import FloatArray
 # Steps of a descent between two looks at who has arrived: a look is nine launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
+# Of the pad's height: how far from the tip is the other point whose way is limited; and the
+# residual with which the parts of a frame before the last may end.
+_ARM_SHARE, _INTERMEDIATE = 0.75, 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchOptions:
+    """Settings of the solver.
+
+    Attributes:
+        residual_relative: Largest allowed norm of the unbalanced force, and difference of base
+            reaction and indenter force, both divided by the contact force.
+        steps_max: Largest number of solver steps in one descent.
+        halvings_max: How often a step that does not converge is halved.
+        accepts_residual: Accept the residual that is left after ``steps_max`` steps. Every step
+            then costs about the same, as learning needs.
+    """
+
+    residual_relative: float = 1e-3
+    steps_max: int = 300
+    halvings_max: int = 4
+    accepts_residual: bool = False
 
 
 class Frames:
@@ -23,11 +46,8 @@ class Frames:
     Args:
         rest: The nodes of the resting gel [m].
         longest_m: Way of an environment's indenter in one part of a frame, of its tip or of a point
-            ``arm_m`` from it, shape [count].
+            at 0.75 of the pad's height from it, shape [count].
         bias: Of the mesh, by which loads are corrected.
-        enough: Residual over the contact force at a frame's end, and before.
-        halvings_max: Of a frame's parts, where descents do not arrive.
-        accepts_residual: A descent that ran out of steps counts as arrived.
 
     Attributes:
         motions: Where they go, a ``motion_step_kernels.Motions``.
@@ -43,27 +63,24 @@ class Frames:
         frame_count: int,
         *,
         longest_m: FloatArray,
-        arm_m: float,
         bias: ForceBias,
-        floor_n: float,
-        enough: tuple[float, float],
-        halvings_max: int,
-        accepts_residual: bool,
+        options: BatchOptions,
     ) -> None:
         self._descents, self._history, self._rest = descents, history, rest
         self._device = device = Device(descents.model.device)
         own, shape = (descents.count,), (frame_count, descents.count)
         self.motions = device.zeroed(kernels.Motions, own, goals=shape, loads=shape, enough=(2,))
         self.motions.longest.assign(longest_m)
-        self.motions.enough.assign(np.array(enough))
+        enough = options.residual_relative
+        self.motions.enough.assign(np.array([enough, max(enough, _INTERMEDIATE)]))
         self.motions.standoff = descents.model.contact_options.distance_m
         self.found = device.zeroed(kernels.Found, shape, touched=(*shape, 7), wrench=(*shape, 6))
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
         kinds = (wp.vec3d, wp.vec4d, wp.vec2d, wp.vec4d)
-        biased = [floor_n, *(device.array(*each) for each in zip(bias, kinds, strict=True))]
-        self._begin, self._end = self._recorded(arm_m, biased, [accepts_residual, halvings_max])
+        biased = [device.array(*each) for each in zip(bias, kinds, strict=True)]
+        self._begin, self._end = self._recorded(biased, options)
 
     def go(self) -> None:
         """Take who moves to the goals, in more and more parts where descents do not arrive."""
@@ -129,9 +146,7 @@ class Frames:
         drag = [record(made.drag, points, [each, new]) for each in held]
         return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
-    def _recorded(
-        self, arm_m: float, biased: list[Any], ending: list[Any]
-    ) -> tuple[list[Any], list[Any]]:
+    def _recorded(self, biased: list[Any], chosen: BatchOptions) -> tuple[list[Any], list[Any]]:
         """Record what begins a part, and what ends one."""
         descents, history, record = self._descents, self._history, self._device.record
         model, state, poses = descents.model, descents.state, descents.poses
@@ -140,6 +155,7 @@ class Frames:
         made = model.surface.kernels
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
         lags = options.friction > 0.0
+        arm_m = _ARM_SHARE * model.height_m
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
@@ -149,7 +165,7 @@ class Frames:
         at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [
-            record(kernels.arrive, own, [*ending, *now]),
+            record(kernels.arrive, own, [chosen.accepts_residual, chosen.halvings_max, *now]),
             record(made.wrench, points, [*at, *formed, history.touched]),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]

@@ -70,11 +70,13 @@ def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def normal_contact(surface: TouchedSurface, b: wp.int32, gap: wp.float64):
-    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m], at a gap < d_hat [m].
+    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m], at a gap [m].
 
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
     one = wp.float64(1.0)
+    if gap >= surface.distance:
+        return wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
     s = gap / surface.distance
     r = wp.max(s, surface.extensions[b])
     h = s - r
@@ -284,6 +286,25 @@ def add_traction(
 def contact_kernels(*, grips: bool) -> ContactKernels:
     """Build the kernels."""
 
+    @wp.func
+    def contact_at(at: Pressed, b: wp.int32, f: wp.int32, q: wp.int32, least: wp.float64):
+        """Return place and gap [m], energy [J/m^2], its gradient [Pa] and stiffness [Pa/m].
+
+        The gradient is parted into that along the indenter's normal and that of what holds on.
+        Without the indenter's curvature the stiffness is semidefinite; ``held_back`` has ``least``.
+        """
+        here, x = met(at, b, f, q)
+        distance, n = nearby_gap(here, x, at.surface.distance)
+        density, slope, change = normal_contact(at.surface, b, distance)
+        along = wp.vec3d()
+        stiffness = wp.outer(n, n) * change
+        if wp.static(grips):
+            more, held, tangent = held_back(at, here, b, f, q, x, least)
+            density += more
+            along += held
+            stiffness += tangent
+        return x, distance, density, n * slope, along, stiffness
+
     @wp.kernel(enable_backward=False, module="unique")
     def touch(
         at: Pressed,
@@ -296,20 +317,10 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x, at.surface.distance)
-            density = wp.float64(0.0)
-            v = wp.vec3d()
-            if distance < at.surface.distance:
-                density, slope, _change = normal_contact(at.surface, b, distance)
-                v = n * slope
-            if wp.static(grips):
-                more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
-                density += more
-                v += along
+            _x, distance, density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
             energy_out[b, f, q] = at.surface.areas[f, q] * density
             gap_out[b, f, q] = distance
-            add_traction(at.surface, b, f, q, v, nodes_out)
+            add_traction(at.surface, b, f, q, normal + along, nodes_out)
 
     @wp.kernel(enable_backward=False, module="unique")
     def force(
@@ -320,23 +331,11 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         force_out: wp.array3d(dtype=wp.vec3d),
         stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
-        # The indenter's curvature is left out: without it the stiffness is semidefinite.
         b, f, q = wp.tid()
-        here, x = met(at, b, f, q)
-        distance, n = nearby_gap(here, x, at.surface.distance)
-        pull = wp.vec3d()
-        stiffness = wp.mat33d()
-        if distance < at.surface.distance:
-            _energy, slope, change = normal_contact(at.surface, b, distance)
-            pull = n * slope
-            stiffness = wp.outer(n, n) * change
-        if wp.static(grips):
-            _more, along, tangent = held_back(at, here, b, f, q, x, _EXACT)
-            pull += along
-            stiffness += tangent
+        x, distance, _density, normal, along, stiffness = contact_at(at, b, f, q, _EXACT)
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
-        force_out[b, f, q] = pull * at.surface.areas[f, q]
+        force_out[b, f, q] = (normal + along) * at.surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * at.surface.areas[f, q]
 
     @wp.kernel(enable_backward=False, module="unique")
@@ -423,15 +422,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x, at.surface.distance)
-            stiffness = wp.mat33d()
-            if distance < at.surface.distance:
-                _energy, _slope, change = normal_contact(at.surface, b, distance)
-                stiffness = wp.outer(n, n) * change
-            if wp.static(grips):
-                _more, _along, tangent = held_back(at, here, b, f, q, x, _LEAST_ALONG)
-                stiffness += tangent
+            _x, _gap, _density, _normal, _along, stiffness = contact_at(at, b, f, q, _LEAST_ALONG)
             stiffness_out[b, f, q] = wp.mat33f(stiffness * at.surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
                 for k in range(at.surface.faces.shape[1]):
@@ -454,7 +445,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] == 1:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x, reach)
+            distance, _n = nearby_gap(here, x, reach)
             if distance < reach:
                 tip = wp.vec3d(at.poses.tips[b][0], at.poses.tips[b][1], wp.float64(0.0))
                 touched, moments = wp.float64(0.0), _Moments()
@@ -477,21 +468,15 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
                 for k in range(8):
                     wp.atomic_add(wrench_out, b, 8 + k, repeatable(share * moments[k], shift))
-            v = wp.vec3d()
-            formed = wp.float64(0.0)
+            _x, _gap, _density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
+            v = normal + along
+            formed = wp.dot(along, along)
             if distance < at.surface.distance:
-                _density, slope, _change = normal_contact(at.surface, b, distance)
-                v = n * slope
                 for r in range(at.surface.areas.shape[1]):
                     _here, there = met(at, b, f, r)
                     gap, _n = nearby_gap(here, there, at.surface.distance)
-                    if gap < at.surface.distance:
-                        _density, pressed, _change = normal_contact(at.surface, b, gap)
-                        formed += form[q, r] * pressed * slope
-            if wp.static(grips):
-                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
-                v += along
-                formed += wp.dot(along, along)
+                    _density, pressed, _change = normal_contact(at.surface, b, gap)
+                    formed -= form[q, r] * pressed * wp.length(normal)
             if wp.dot(v, v) > wp.float64(0.0):
                 formed *= at.surface.areas[f, q] * shares[f]
                 formed = repeatable(formed, at.surface.shift * at.surface.young[b])
@@ -511,17 +496,12 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         sheared_out: wp.array2d(dtype=wp.vec3d),
     ):
         b, f, q = wp.tid()
-        here, x = met(at, b, f, q)
-        distance, _n = nearby_gap(here, x, at.surface.distance)
+        _x, distance, _density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
         if distance < at.surface.distance:
-            _density, slope, _change = normal_contact(at.surface, b, distance)
-            along = wp.vec3d()
-            if wp.static(grips):
-                _more, along, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             for k in range(at.surface.faces.shape[1]):
                 share = hats[q, k] * at.surface.areas[f, q]
                 if share > wp.float64(0.0):
-                    pressed = repeatable(-slope * share, at.surface.shift)
+                    pressed = repeatable(wp.length(normal) * share, at.surface.shift)
                     wp.atomic_add(pressed_out, b, at.surface.faces[f, k], pressed)
                     sheared = repeatable(-along * share, at.surface.shift)
                     wp.atomic_add(sheared_out, b, at.surface.faces[f, k], sheared)

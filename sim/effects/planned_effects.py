@@ -69,9 +69,7 @@ class EffectPlan:
                 "on": row.on,
                 "reason": row.reason,
                 "estimated_error": row.estimated_error,
-                "costs": None
-                if row.costs is None
-                else {output.value: cost for output, cost in row.costs.items()},
+                "costs": row.costs,
                 "asked": row.asked,
             }
             for row in self.rows.values()

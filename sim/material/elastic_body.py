@@ -137,16 +137,11 @@ class ElasticBody:
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
-        tangents, *vectors = self._tangent_buffers
         inputs = [self._arrays, self._device.array(positions, wp.vec3d), projected]
         kernel = tangent_kernel(self._law, remembers=self._remembers)
-        self._device.launch(kernel, self._shape, inputs, [tangents, *vectors])
-        self._device.launch(
-            hessian,
-            (self._shape[0], self._reference.node_count),
-            [self._slots, tangents, *vectors],
-            [values],
-        )
+        self._device.launch(kernel, self._shape, inputs, self._tangents)
+        shape = (self._shape[0], self._reference.node_count)
+        self._device.launch(hessian, shape, [self._arrays, self._slots, *self._tangents], [values])
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
@@ -192,12 +187,10 @@ class ElasticBody:
         return on_host(out)[0, :, 0]
 
     @cached_property
-    def _tangent_buffers(self) -> list[Any]:
-        """Tangents and shape gradients at the points: arrays that are kept, to be filled anew."""
-        shape = (*self._shape, self._reference.node_count)
-        shapes = [shape, shape, shape, shape if self._remembers else (0, 0, 0)]
-        vectors = [self._device.zeros(each, wp.vec3d) for each in shapes]
-        return [self._device.empty(self._shape, Tangent), *vectors]
+    def _tangents(self) -> list[Any]:
+        """Tangents and history at the points: arrays that are kept, to be filled anew."""
+        history = self._device.zeros(self._shape if self._remembers else (0, 0), wp.mat33d)
+        return [self._device.empty(self._shape, Tangent), history]
 
 
 def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:

@@ -60,11 +60,10 @@ def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
 
 @cache
 def tangent_kernel(law: Law, *, remembers: bool) -> Any:
-    """Build what gives a law's ``Tangent`` and the shape gradients g that ``hessian`` takes.
+    """Build what gives a law's ``Tangent`` and the history H that ``hessian`` takes, times weights.
 
-    A history H of an objective law adds g . H h to the matrix: of it H g is given. The kernel
-    launches over [element_count, point_count]. Warp compiles kernels at their first launch and
-    keeps the result.
+    The kernel launches over [element_count, point_count]. Warp compiles kernels at their first
+    launch and keeps the result.
     """
     law_tangent, bends = law.tangent, remembers and law.is_objective
 
@@ -77,14 +76,10 @@ def tangent_kernel(law: Law, *, remembers: bool) -> Any:
         projected: wp.bool,
         # Data out:
         tangent_out: wp.array2d(dtype=Tangent),
-        gradients_out: wp.array3d(dtype=wp.vec3d),
-        deformed_out: wp.array3d(dtype=wp.vec3d),
-        cofactor_out: wp.array3d(dtype=wp.vec3d),
-        remembered_out: wp.array3d(dtype=wp.vec3d),
+        history_out: wp.array2d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
         F = deformation_gradient(gel, positions, e, q)
-        inverse = gel.inverse_jacobians[e]
         t = law_tangent(F, gel.parameters[0, e])
         if projected:
             t = semidefinite(t)
@@ -99,13 +94,7 @@ def tangent_kernel(law: Law, *, remembers: bool) -> Any:
             H = gel.history[e, q] * gel.weights[e, q]
             if projected:
                 H = _without_negative(H)
-        for node in range(gel.nodes.shape[1]):
-            g = wp.transpose(inverse) * gel.reference_gradients[q, node]
-            gradients_out[e, q, node] = g
-            deformed_out[e, q, node] = t.deformation * g
-            cofactor_out[e, q, node] = t.cofactor * g
-            if wp.static(bends):
-                remembered_out[e, q, node] = H * g
+            history_out[e, q] = H
 
     return tangent
 
@@ -176,34 +165,30 @@ def _without_negative(H: wp.mat33d) -> wp.mat33d:
 @wp.kernel(enable_backward=False, module="unique")
 def hessian(
     # Model:
+    gel: GelArrays,
     blocks: wp.array3d(dtype=wp.int32),
     # Data in:
     tangents: wp.array2d(dtype=Tangent),
-    gradients: wp.array3d(dtype=wp.vec3d),
-    deformed: wp.array3d(dtype=wp.vec3d),
-    cofactors: wp.array3d(dtype=wp.vec3d),
-    remembered: wp.array3d(dtype=wp.vec3d),
+    history: wp.array2d(dtype=wp.mat33d),
     # Data out:
     values_out: wp.array(dtype=wp.mat33d),
 ):
-    """Add an element's blocks to the matrix; ``blocks`` holds 2 * index + transposed, or -1."""
+    """Add an element's blocks to the matrix; ``blocks`` holds 2 * index + transposed, or -1.
+
+    A history H of an objective law adds g . H h of the shape gradients g and h.
+    """
     e, i = wp.tid()
+    inverse = wp.transpose(gel.inverse_jacobians[e])
     for j in range(i, blocks.shape[2]):
         slot = blocks[e, i, j]
         if slot >= 0:
             total = wp.mat33d()
             for q in range(tangents.shape[1]):
-                total += tangent_block(
-                    tangents[e, q],
-                    gradients[e, q, i],
-                    gradients[e, q, j],
-                    deformed[e, q, i],
-                    deformed[e, q, j],
-                    cofactors[e, q, i],
-                    cofactors[e, q, j],
-                )
-                if remembered.shape[0] > 0:
-                    bent = wp.dot(remembered[e, q, i], gradients[e, q, j])
+                g = inverse * gel.reference_gradients[q, i]
+                h = inverse * gel.reference_gradients[q, j]
+                total += tangent_block(tangents[e, q], g, h)
+                if history.shape[0] > 0:
+                    bent = wp.dot(history[e, q] * g, h)
                     total += wp.identity(n=3, dtype=wp.float64) * bent
             if slot % 2 == 1:
                 total = wp.transpose(total)

@@ -15,6 +15,8 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
+# Of a quadratic tetrahedron: a face's corners, and the middles of its edges.
+_QUADRATIC_FACES = ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (2, 0, 3, 6, 7, 9))
 FACE_EDGES = ((0, 1), (1, 2), (2, 0))
 # Nodes of a quadratic face at the corners of its four parts.
 QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
@@ -142,7 +144,8 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     Faces are of shape [face_count, 3 or 6]; elements, positively oriented, of shape
     [element_count, 4 or 10].
     """
-    faces = np.concatenate([elements[:, _face_columns(elements, face)] for face in FACES])
+    of_faces = FACES if elements.shape[1] == 4 else _QUADRATIC_FACES
+    faces = np.concatenate([elements[:, list(face)] for face in of_faces])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
     corners = np.sort(faces[:, :3], axis=1)
     _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
@@ -161,14 +164,6 @@ def linear_facets(faces: IntArray) -> IntArray:
     if faces.shape[1] == 3:
         return faces
     return np.concatenate([faces[:, list(part)] for part in QUARTERS])
-
-
-def _face_columns(elements: IntArray, face: tuple[int, int, int]) -> list[int]:
-    if elements.shape[1] == 4:
-        return list(face)
-    edges = {frozenset(edge): 4 + index for index, edge in enumerate(EDGES)}
-    middles = [edges[frozenset((face[a], face[b]))] for a, b in FACE_EDGES]
-    return [*face, *middles]
 
 
 def _quadratic_gradients(

@@ -12,6 +12,7 @@ outline, so the two fit.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -55,10 +56,7 @@ def _half_section(
 
     Returned are the points' radius and height [m], the triangles, and the layer of each.
     """
-
-    def size_at(points: FloatArray) -> FloatArray:
-        return _target_size(points, bands_m, grading)
-
+    size_at = partial(_target_size, bands_m=bands_m, grading=grading)
     interior = _offset_rings(radius_m, bands_m[-1], grading)
     across, up = interior.T
     margin = np.min([across, radius_m - across, *(abs(up - z) for z in bands_m)], axis=0)

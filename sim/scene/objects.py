@@ -47,18 +47,6 @@ def ellipsoid() -> MeshIndenter:
     return mesh_indenter(ball * (3e-3, 1.8e-3, 2e-3), faces, name="object ellipsoid")
 
 
-def chisel() -> MeshIndenter:
-    """Return a chisel: an edge of 4 mm, from which faces fall off by 30 degrees all around."""
-    edge, height, slope = 2e-3, 3e-3, np.tan(np.radians(30.0))
-    reach = height / slope
-    top = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (edge + reach, reach)
-    vertices = np.concatenate(
-        [[[edge, 0.0, 0.0], [-edge, 0.0, 0.0]], np.column_stack([top, np.full(4, height)])]
-    )
-    faces = [[0, 2, 5], [1, 4, 3], [0, 1, 3], [0, 3, 2], [0, 5, 4], [0, 4, 1], [2, 3, 4], [2, 4, 5]]
-    return mesh_indenter(vertices, np.array(faces, dtype=np.int32), name="chisel")
-
-
 OBJECTS: dict[str, Callable[[], MeshIndenter]] = {
     each.__name__: each for each in (bar, hexagon, cross, ring, ellipsoid)
 }

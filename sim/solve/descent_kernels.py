@@ -245,7 +245,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         act = d.act[b]
         dof_count = dofs.shape[0]
         fraction = d.fraction[b]
-        if act == Act.SOLVE or act == Act.LOWER:
+        if act == Act.SOLVE:
             fraction = wp.float64(1.0)
             if limits.keeps and d.pushed[b] == 0:
                 fraction = wp.clamp(_LONGER * d.fraction[b], _SHORT, fraction)
@@ -254,21 +254,16 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             if scaled:
                 scale = scale * d.residual[b]
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                r = wp.float64(0.0)
-                if act == Act.SOLVE:
-                    r = scale * wp.float64(weights[row]) * wp.float64(found[d.slot[b], row])
-                elif row == dof_count:
-                    r = -wp.sign(memory.gradient[b, row]) * limits.tip_step
+                r = scale * wp.float64(weights[row]) * wp.float64(found[d.slot[b], row])
                 if row == dof_count and d.pushed[b] == 0:
                     r = wp.float64(0.0)
                 memory.direction[b, row] = r
             wait_for_all()
-            if act == Act.SOLVE:
-                products_with(memory.changes, memory.direction, count, b, memory.products)
-                second_loop(memory, b)
-                as_is = wp.float64(1.0)
-                direction = memory.direction
-                add_all(memory.steps, memory.shares, count, b, as_is, direction, direction)
+            products_with(memory.changes, memory.direction, count, b, memory.products)
+            second_loop(memory, b)
+            as_is = wp.float64(1.0)
+            direction = memory.direction
+            add_all(memory.steps, memory.shares, count, b, as_is, direction, direction)
             part = wp.vec2d()
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = memory.direction[b, row]

@@ -13,12 +13,10 @@ class Status(IntEnum):
     ASKS_START = 2  # the start is inside out or deep in the indenter
     ASKS_FACTOR = 3
     ASKS_SAFER_FACTOR = 4
-    ASKS_ROUNDING = 5
-    TOO_NEAR = 6  # the barrier has to be extended less
-    NO_DESCENT = 7
-    OUT_OF_STEPS = 8
-    NOT_FINITE = 9
-    IDLE = 10
+    TOO_NEAR = 5  # the barrier has to be extended less
+    NO_DESCENT = 6
+    OUT_OF_STEPS = 7
+    NOT_FINITE = 8
 
 
 class Mode(IntEnum):
@@ -28,7 +26,6 @@ class Mode(IntEnum):
     TRY = 1  # a step
     HELD = 2  # no more than what points that are held anew change
     GO = 3  # nothing: a factor was given
-    RECHECK = 4  # nothing: the rounding was given
 
 
 class Act(IntEnum):
@@ -36,9 +33,8 @@ class Act(IntEnum):
 
     NOTHING = 0
     SOLVE = 1
-    LOWER = 2  # the indenter, which touches nothing
-    SHORTEN = 3
-    BACK = 4  # to where the step began
+    SHORTEN = 2
+    BACK = 3  # to where the step began
 
 
 @wp.struct
@@ -75,7 +71,6 @@ class Descent:
     learns: wp.array(dtype=wp.int32)
     # 1 where the indenter is pushed with ``load`` [N], and its height is an unknown
     pushed: wp.array(dtype=wp.int32)
-    touches: wp.array(dtype=wp.int32)  # 1 where the factored gel holds the indenter
     attempt: wp.array(dtype=wp.int32)  # of the factor: 0 exact, above ever safer
     checked: wp.array(dtype=wp.int32)  # 1 where the start was looked at
     # 1 until the residual is small enough to tell whether gaps will do
@@ -95,8 +90,7 @@ class Descent:
     relative: wp.array(dtype=wp.float64)
     floor: wp.array(dtype=wp.float64)
     gap_least: wp.array(dtype=wp.float64)  # smallest gap that a state may end with [m]
-    # what rounding leaves of a residual [N]; negative where it is not known
-    rounding: wp.array(dtype=wp.float64)
+    rounding: wp.array(dtype=wp.float64)  # what it leaves of a residual [N]
     energy: wp.array(dtype=wp.float64)  # [J]
     slope: wp.array(dtype=wp.float64)  # gradient . direction where the step began [J].
     length: wp.array(dtype=wp.float64)  # of the direction, squared [m^2]

@@ -19,12 +19,11 @@ from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
 from sim.solve.descent_state import Act, Mode, Status
-from sim.solve.lbfgs_kernels import LONGEST, Memory
+from sim.solve.lbfgs_kernels import Memory
 from sim.solve.model import Model
 from sim.solve.overlap_and_inversion import OVERLAP_SHARE
 from sim.solve.weight_and_inertia import Potential, pull_of
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: the longest step of an indenter that is pushed. A factor that hardly holds it
 # would send it through the pad, where contact is no longer seen.
@@ -71,15 +70,13 @@ class Descents:
     """The descents of some environments.
 
     Args:
+        memory: Steps that are remembered, 32 at most.
         patience: After so many steps with a factor, it is asked for anew if the residual is still
             more than this share of the contact force.
         gel: Their elements, as ``ElasticBody.of`` gives them; None is the model's, of one.
         surface: What may be touched of them, as ``ContactSurface.of`` gives it, likewise.
         young_share: E that the inverse is of over theirs, shape [environment_count].
         keeps: The inverse is never made anew.
-
-    Raises:
-        ConfigError: More steps are to be remembered than kernels have room for.
 
     Attributes:
         state: Where every environment is.
@@ -107,11 +104,6 @@ class Descents:
         young_share: FloatArray | None = None,
         keeps: bool = False,
     ) -> None:
-        if memory > LONGEST:
-            raise ConfigError(
-                f"{memory} steps to be remembered, more than {LONGEST}",
-                remedy=f"remember {LONGEST} at most",
-            )
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
         self._gel, self.indenter = gel, indenter

@@ -28,6 +28,8 @@ after 50 steps. What is bonded knows no pressure: points that touch take hold in
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from sim.contact.surface_and_grip import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
@@ -35,14 +37,7 @@ from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import (
-    OVERLAP_SHARE,
-    TANGLED_SHARE,
-    faces_gel,
-    inverted_share,
-    refuse_deep_overlap,
-    untangle,
-)
+from sim.solve.overlap_and_inversion import OVERLAP_SHARE, faces_gel, refuse_deep_overlap
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -50,6 +45,8 @@ from tacauchy_rig.core.time_limit_and_progress import check_time
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
+# Share of the rest volume from which a start counts as inside out: steps lead into a knot.
+_TANGLED_SHARE = 0.1
 # Shares of d_hat below which the barrier is a parabola, tried one after the other.
 EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 
@@ -59,9 +56,6 @@ class SolverOptions:
     """When the steps stop."""
 
     residual_relative: float = 1e-8  # residual norm over the contact force's norm
-    # Residual norm that is always enough [N], as is the rounding's; None is 1.5e-11 E H^2 with the
-    # pad's height H, so that it scales with the problem
-    residual_floor_n: float | None = None
     load_relative: float = 1e-7  # the same where a load is asked for, which is met as closely
     # Most steps for one form of the barrier, which is relaxed where gel stays too near; each form
     # begins to count anew
@@ -133,7 +127,6 @@ class EquilibriumSolver:
         self.model, self.indenter, self.reuse = model, indenter, reuse
         self.factor = StiffnessFactor(model, indenter, potential)
         self.energies_j: list[float] = []
-        self._potential = potential
         self._descents = Descents(
             model,
             indenter,
@@ -153,7 +146,7 @@ class EquilibriumSolver:
 
     def replace_potential(self, potential: Potential | None) -> None:
         """Take another energy of the nodes from now on."""
-        self._potential = self.factor.potential = potential
+        self.factor.potential = potential
         self._descents.replace_potential(potential)
 
     def settle(
@@ -178,14 +171,11 @@ class EquilibriumSolver:
             self._was_held = load_n is None
         if self.model.relaxation is not None:
             descents.renew_gel()
-        self.energies_j, grip_start, spent, self._passes = [], state.grip, 0, 0
-        begins_anew, before = self._begins_anew, self.evaluations
-        start, error = state.copy(), None
+        self.energies_j, grip_start, spent = [], state.grip, 0
+        begins_anew, start, error = self._begins_anew, state.copy(), None
         self._begins_anew = True  # where this one fails
         self.factor.held = load_n is None
-        floor = options.residual_floor_n
-        if floor is None:
-            floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
+        floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
         # What was too stiff a while ago is likely to be so again.
         for extension in [each for each in self._extensions if each <= state.extension]:
             state.extension = extension
@@ -196,7 +186,7 @@ class EquilibriumSolver:
                 floor=floor,
                 steps_max=options.iteration_max,
                 gap_least=contact.gap_least_m(extension),
-                rounding=-1.0,
+                rounding=self.model.gel.rounding_n,
                 checked=0,
                 rough=1,
             )
@@ -206,11 +196,10 @@ class EquilibriumSolver:
             first, status = self.evaluations, self._run(state, grip_start)
             spent += int(descents.get("steps")[0])
             if status == Status.DONE:
-                found = self._equilibrium(spent + self._passes)
+                found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
-                    latest = first if extension != contact.extension else before
-                    self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
+                    self._begins_anew = self.evaluations - first > self.reuse.evaluations_max
                     return found
                 # The next states would pass through this barrier, too.
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
@@ -245,19 +234,11 @@ class EquilibriumSolver:
             "indenter",
         )
 
-    def energy_j(self, state: State) -> float:
-        """Return a state's energy, of gel, contact and potential [J]."""
-        elastic, _ = self.model.gel.energy(state.positions)
-        stored = self.model.surface.energy(state.positions, self.indenter, state)
-        more = 0.0 if self._potential is None else self._potential.energy(state.positions)
-        return elastic + stored + more
-
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
         self.factor.renew(state, first=first)
         self._descents.forget()
-        touches, attempt = int(self.factor.touches), self.factor.attempt
-        self._descents.set(since=0, touches=touches, attempt=attempt)
+        self._descents.set(since=0, attempt=self.factor.attempt)
 
     def _run(self, state: State, grip_start: Grip | None) -> int:
         """Let the environment run, and give it what it asks for; say how it ended."""
@@ -280,11 +261,9 @@ class EquilibriumSolver:
                 return status
             if status == Status.ASKS_START:
                 self._look_at_start(state)
+                self.take_factor(state)
                 self._upload(state, grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
-            elif status == Status.ASKS_ROUNDING:
-                rounding = self.model.rounding_n(descents.contact())
-                descents.set(rounding=rounding, mode=Mode.RECHECK)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
                 self.take_factor(state, first=int(status == Status.ASKS_SAFER_FACTOR))
                 descents.set(mode=Mode.GO)
@@ -315,14 +294,11 @@ class EquilibriumSolver:
         )
 
     def _look_at_start(self, state: State) -> None:
-        """Turn a start inside out the right way round, if that lowers the energy."""
-        model, start = self.model, state.positions
-        tangled = model.gel.energy(start)[1] <= 0.0
-        if tangled and inverted_share(model, start) >= TANGLED_SHARE:
-            before = self.energy_j(state)
-            state.positions, self._passes = untangle(model, start)
-            if self.energy_j(state) > before:
-                state.positions = start
+        """Begin at rest in place of a start that is inside out."""
+        model, ratios = self.model, on_host(self._descents.gel_buffers[2])[0]
+        inside_out = model.discretisation.volumes[ratios <= 0.0].sum()
+        if inside_out >= _TANGLED_SHARE * model.volume_m3:
+            state.positions = np.where(model.clamped[:, None], state.positions, model.nodes)
         refuse_deep_overlap(model, self.indenter, state)
 
     def _equilibrium(self, iterations: int) -> Equilibrium:

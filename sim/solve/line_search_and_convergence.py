@@ -114,20 +114,7 @@ def finds_no_descent(d: Descent, memory: Memory, b: wp.int32):
 
 
 @wp.func
-def _take_direction(d: Descent, b: wp.int32, push: wp.vec3d):
-    """Take a direction by the factor as it is."""
-    d.act[b] = Act.SOLVE
-    if d.pushed[b] == 1 and d.touches[b] == 0:
-        if wp.length(push) == wp.float64(0.0):
-            # Without contact nothing holds the indenter: it is brought down by the longest step.
-            d.act[b] = Act.LOWER
-        elif d.mode[b] != Mode.GO:  # it has come to touch since
-            d.act[b] = Act.NOTHING
-            d.status[b] = Status.ASKS_FACTOR
-
-
-@wp.func
-def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
+def _check_convergence(d: Descent, b: wp.int32, limits: Limits):
     """Apply the rule for the end of the steps, and go on where it does not hold."""
     last = d.residual[b]
     asked = _asked(d, b)
@@ -143,9 +130,6 @@ def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     still = stagnates(d.residuals[b], d.recorded[b])
     if is_last or still or last <= _SMALL_SHARE * scale:
         rounding = d.rounding[b]
-        if rounding < wp.float64(0.0):
-            d.status[b] = Status.ASKS_ROUNDING
-            return
         if last <= rounding and settled:
             d.status[b] = Status.DONE
             return
@@ -167,11 +151,11 @@ def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
         if late and last > limits.patience_shares[k] * scale:
             d.status[b] = Status.ASKS_FACTOR
             return
-    _take_direction(d, b, push)
+    d.act[b] = Act.SOLVE
 
 
 @wp.func
-def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.float64):
+def _assess(d: Descent, b: wp.int32, limits: Limits, grip: wp.float64):
     """Look at a state that was accepted: hold on anew, end or go on."""
     residual = d.residual[b]
     if limits.lags:
@@ -197,7 +181,7 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.fl
         if d.gap_min[b] < d.gap_least[b]:
             d.status[b] = Status.TOO_NEAR
             return
-    _check_convergence(d, b, limits, push)
+    _check_convergence(d, b, limits)
 
 
 @wp.func
@@ -259,9 +243,7 @@ def decide(
     """
     mode = d.mode[b]
     if mode == Mode.GO:
-        _take_direction(d, b, push)
-    elif mode == Mode.RECHECK:
-        _check_convergence(d, b, limits, push)
+        d.act[b] = Act.SOLVE
     else:
         accepted = wp.bool(True)
         if mode != Mode.HELD:
@@ -282,7 +264,7 @@ def decide(
                 d.status[b] = Status.ASKS_START
             else:
                 grip = sums[Sum.GRIP] / wp.max(sums[Sum.LIMIT], NOTHING_AT_ALL)
-                _assess(d, b, limits, push, grip)
+                _assess(d, b, limits, grip)
     if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
         d.status[b] = Status.TOO_NEAR
     if d.status[b] == Status.RUNNING and d.act[b] != Act.NOTHING:

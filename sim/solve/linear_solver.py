@@ -86,13 +86,11 @@ def _installed_library() -> str:
 # Pardiso's phases, and its error for a negative or zero pivot.
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_POSITIVE_DEFINITE = -4
-# Places of its arguments, from 0: how many vectors, their right sides, and the solutions.
-_VECTOR_COUNT, _RIGHT = 10, 13
 # Pardiso's iparm by place, from 1: no defaults, no steps of refinement, no scaling, rows from 0.
 # Second is the order of elimination: minimum degree takes a tenth fewer operations than nested
-# dissection at a few thousand unknowns, and a fifth more at ten thousand.
-_SETTINGS = {1: 1, 2: 0, 8: 0, 10: 0, 11: 0, 13: 0, 35: 1}
-_SINGLE_PRECISION = 28
+# dissection at a few thousand unknowns, and a fifth more at ten thousand. Single precision (28) is
+# enough for a preconditioner.
+_SETTINGS = {1: 1, 2: 0, 8: 0, 10: 0, 11: 0, 13: 0, 28: 1, 35: 1}
 _DISSECTED_FROM, _DISSECTION = 6_000, 2
 
 
@@ -131,26 +129,25 @@ class SuperLuSolver:
 
 
 class PardisoSolver:
-    """Cholesky by Intel MKL Pardiso (matrix type 2)."""
+    """Cholesky by Intel MKL Pardiso (matrix type 2), in single precision."""
 
-    def __init__(self, pattern: SparsePattern, pypardiso: Any, kind: Any) -> None:
+    name = "pardiso, float32"
+
+    def __init__(self, pattern: SparsePattern, pypardiso: Any) -> None:
         # pypardiso knows where MKL is, but passes double precision only, and one vector at a time.
-        self.name, self._kind = f"pardiso, {np.dtype(kind)}", kind
         self._library = ctypes.CDLL(pypardiso.PyPardisoSolver(mtype=2).libmkl._name)  # noqa: SLF001
-        count = pattern.dof_count
+        self._count = pattern.dof_count
         settings = np.zeros(64, dtype=np.int32)
         for place, value in _SETTINGS.items():
             settings[place - 1] = value
-        settings[_SINGLE_PRECISION - 1] = kind is np.float32
-        if count >= _DISSECTED_FROM:
+        if self._count >= _DISSECTED_FROM:
             settings[1] = _DISSECTION
-        self._values = np.ones(len(pattern.indices), dtype=kind)
-        self._right, self._found = (np.zeros(count, dtype=kind) for _ in range(2))
+        self._values = np.ones(len(pattern.indices), dtype=np.float32)
         self._error = ctypes.c_int32(0)
         arrays = [np.zeros(64, dtype=np.int64), self._values]
         arrays += [np.asarray(index, np.int32) for index in (pattern.indptr, pattern.indices)]
-        arrays += [np.zeros(count, dtype=np.int32), settings, self._right, self._found]
-        self._call = _pardiso(self._library, arrays, count=count, error=self._error)
+        arrays += [np.zeros(self._count, dtype=np.int32), settings]
+        self._call = _pardiso(self._library, arrays, count=self._count, error=self._error)
         self._run(_ANALYSE)
         weakref.finalize(self, self._call, _RELEASE)
 
@@ -165,17 +162,13 @@ class PardisoSolver:
 
     def solve(self, right_side: FloatArray) -> FloatArray:
         """Solve with the last factor, shape [dof_count], or many at once [count, dof_count]."""
-        if right_side.ndim == 1:
-            self._right[:] = right_side
-            self._run(_SOLVE)
-            return self._found.astype(np.float64)
-        right = right_side.astype(self._kind, order="C")
+        right = right_side.astype(np.float32, order="C")
         found = np.empty_like(right)
         self._run(_SOLVE, right, found)
         return found.astype(np.float64)
 
     def _run(self, phase: int, *vectors: NDArray[Any]) -> None:
-        take_threads(self._library, len(self._found))
+        take_threads(self._library, self._count)
         self._call(phase, *vectors)
         if self._error.value == _NOT_POSITIVE_DEFINITE:
             raise NotPositiveDefiniteError("negative pivot")
@@ -189,13 +182,10 @@ class PardisoSolver:
 LinearSolver = PardisoSolver | SuperLuSolver
 
 
-def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolver:
-    """Return Pardiso where it is installed, else SuperLU, in float64; both take the same pattern.
-
-    Of kinds, float32 is enough for a preconditioner, and cheaper.
-    """
+def linear_solver(pattern: SparsePattern) -> LinearSolver:
+    """Return Pardiso where it is installed, else SuperLU; both take the same pattern."""
     try:
-        return PardisoSolver(pattern, pardiso_module(), kind)
+        return PardisoSolver(pattern, pardiso_module())
     except ImportError:
         return SuperLuSolver(pattern)
 
@@ -204,32 +194,31 @@ def _pardiso(
     library: Any, arrays: list[Any], *, count: int, error: ctypes.c_int32
 ) -> Callable[..., None]:
     """Return Pardiso by its phase, its long argument list made once; it keeps the arrays alive."""
-    handle, values, starts, columns, order, settings, right, found = (
-        array.ctypes.data_as(ctypes.c_void_p) for array in arrays
-    )
+    handle, values, starts, columns, order, settings = (_address(array) for array in arrays)
     one, kind, silent, size = (ctypes.byref(ctypes.c_int32(value)) for value in (1, 2, 0, count))
-    number = ctypes.c_int32(0)
+    number, vector_count = ctypes.c_int32(0), ctypes.c_int32(1)
     usual = [handle, one, one, kind, ctypes.byref(number), size, values, starts, columns, order]
-    usual += [one, settings, silent, right, found, ctypes.byref(error)]
+    usual += [ctypes.byref(vector_count), settings, silent]
 
     def call(phase: int, *vectors: NDArray[Any]) -> None:
         number.value = phase
-        arguments = list(usual)
-        if vectors:  # other than those that are kept
-            arguments[_VECTOR_COUNT] = ctypes.byref(ctypes.c_int32(len(vectors[0])))
-            arguments[_RIGHT : _RIGHT + 2] = (
-                each.ctypes.data_as(ctypes.c_void_p) for each in vectors
-            )
-        library.pardiso(*arguments)
+        vector_count.value = max(1, sum(each.size for each in vectors[:1]) // count)
+        right, found = map(_address, vectors) if vectors else (None, None)
+        library.pardiso(*usual, right, found, ctypes.byref(error))
 
     return call
+
+
+def _address(array: NDArray[Any]) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
 
 
 logger = logging.getLogger(__name__)
 # Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
-# A stiffness that is none, over E H with the pad's height H.
-_HELD = 1e-13
+# Least stiffness that holds a pushed indenter, over E H with the pad's height H: where nothing
+# touches it goes down by the longest step.
+_HELD = 1e-6
 
 
 class StiffnessFactor:
@@ -246,9 +235,7 @@ class StiffnessFactor:
         self, model: Model, indenter: Indenter, potential: Potential | None = None
     ) -> None:
         self._model, self._indenter, self.potential = model, indenter, potential
-        self._quick: LinearSolver = linear_solver(model.pattern)
-        self._exact: LinearSolver | None = None
-        self._solver = self._quick
+        self._solver = linear_solver(model.pattern)
         # Of a pushed indenter's height: its column [N/m], and what the nodes answer it with.
         self._border: tuple[FloatArray, FloatArray] | None = None
         self._contact_n_m, self._corner = np.zeros(0), 0.0
@@ -278,7 +265,6 @@ class StiffnessFactor:
             if self.potential is not None:
                 added = model.pattern.unknowns(self.potential.diagonal())
                 data[model.pattern.indptr[:-1]] += added
-            self._solver = self._quick if attempt < 2 else self._in_double_precision()
             self.made += 1
             try:
                 self._solver.factorise(data)
@@ -294,21 +280,15 @@ class StiffnessFactor:
             remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
         )
 
-    @property
-    def touches(self) -> bool:
-        """The gel holds the indenter; without, a load has no direction to go by."""
-        return self._corner > self._least
-
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
         right = on_host(sources)[0]
         solved = np.append(self._solver.solve(right[:-1]), 0.0)
-        if not self.held and self.touches:
+        if not self.held:
             border, along = self._pushed()
-            corner = self._corner - float(border @ along)
-            if corner > self._least:
-                solved[-1] = (right[-1] - solved[:-1] @ border) / corner
-                solved[:-1] -= solved[-1] * along
+            corner = max(self._corner - float(border @ along), self._least)
+            solved[-1] = (right[-1] - solved[:-1] @ border) / corner
+            solved[:-1] -= solved[-1] * along
         if self._model.device == "cpu":
             found.numpy()[0] = solved
         else:
@@ -324,8 +304,3 @@ class StiffnessFactor:
             border = self._model.pattern.unknowns(pushed)
             self._border = border, self._solver.solve(border)
         return self._border
-
-    def _in_double_precision(self) -> LinearSolver:
-        if self._exact is None:
-            self._exact = linear_solver(self._model.pattern, np.float64)
-        return self._exact

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from sim.contact.surface_and_grip import ContactForces, ContactOptions, ContactSurface, State
-from sim.device import KERNEL_EPSILON, Device, on_host
+from sim.contact.surface_and_grip import ContactOptions, ContactSurface, State
+from sim.device import Device, on_host
 from sim.material.elastic_body import ElasticBody
 from sim.material.laws.law_and_lame import Law
 from sim.material.relaxation import PronySeries
@@ -119,9 +119,3 @@ class Model:
         """
         free = np.zeros((*self.surface.areas.shape, 3, 3))
         return self.hessian_data(self.nodes, free, projected=self.relaxation is not None)
-
-    def rounding_n(self, found: ContactForces) -> float:
-        """Return how much all nodal forces change by rounding [N]; no residual can be smaller."""
-        stiffness = np.linalg.norm(found.stiffness, axis=(2, 3))
-        change = KERNEL_EPSILON * stiffness * np.abs(found.points).max(axis=2)
-        return float(np.hypot(self.gel.rounding_n, np.linalg.norm(change)))

@@ -1,23 +1,13 @@
-"""Starts and ends of a descent that are refused, and starts turned inside out.
+"""Starts and ends of a descent that are refused.
 
 Between equilibria the surfaces may overlap by ``OVERLAP_SHARE`` of the pad's height. A gap is
 measured to the nearest side of the indenter: where gel has come past the middle of a small body,
 that is the wrong one, and contact pulls the gel's surface, or has none.
-
-Newton alone finds its way back from many states that are collapsed, flattened, mirrored or
-shuffled, but a collapsed element says nothing about the direction, and now and then the pad stays
-knotted. Here every element asks for the rotation nearest to its deformation, and one linear solve
-fits the nodes to all of them, again and again: the local and global steps of Sorkine and Alexa
-(2007). It knows neither the law nor the indenter and ends near a state from which both are easy.
 """
 
-import logging
-
 import numpy as np
-import scipy.sparse.linalg
 
 from sim.contact.surface_and_grip import State
-from sim.mesh.clamping_and_sparsity import assembled
 from sim.scene.indenter import Indenter, Plane, TurnedIndenter
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
@@ -117,90 +107,3 @@ def base_depth_m(
     axes = [np.linspace(a, b, _SAMPLES) for a, b in zip(low, high, strict=True)]
     heights = turned.lower_surface(*np.meshgrid(*axes, indexing="ij"))
     return touch_m + min(0.0, float(heights.min()))
-
-
-logger = logging.getLogger(__name__)
-# Shares of the rest volume that are inverted: where untangling begins, and where it ends.
-TANGLED_SHARE = 0.1
-_ENOUGH_SHARE = 1e-3
-_PASSES_MAX = 10
-# Among equally near rotations, the one nearest to rest.
-_REST_BIAS = 1e-3
-
-
-def untangle(model: Model, positions: FloatArray) -> tuple[FloatArray, int]:
-    """Turn inverted elements the right way round; fixed degrees of freedom stay where they are.
-
-    Returned are the nodes [m], shape [node_count, 3], and the linear solves that were spent.
-    """
-    gradients, weights = _rest_gradients(model)
-    fit = _Fit(model, gradients, weights)
-    share, passes = 1.0, 0
-    while passes < _PASSES_MAX and share >= _ENOUGH_SHARE:
-        passes += 1
-        deformation = _deformation(model, gradients, positions)
-        positions = fit.solve(_rotations(deformation), positions)
-        share = _share(_deformation(model, gradients, positions), weights)
-    logger.debug("untangled in %d passes, %.3g left", passes, share)
-    return positions, passes
-
-
-def inverted_share(model: Model, positions: FloatArray) -> float:
-    """Return the share of the rest volume with det F <= 0."""
-    gradients, weights = _rest_gradients(model)
-    return _share(_deformation(model, gradients, positions), weights)
-
-
-def _share(deformation: FloatArray, weights: FloatArray) -> float:
-    return float(weights[np.linalg.det(deformation) <= 0.0].sum() / weights.sum())
-
-
-def _rest_gradients(model: Model) -> tuple[FloatArray, FloatArray]:
-    """Return shape gradients [1/m], shape [e, q, n, 3], and volumes [m^3], shape [e, q]."""
-    pad, reference = model.discretisation, model.reference
-    gradients = np.einsum("qnj,ejk->eqnk", reference.gradients, pad.inverse_jacobians)
-    return gradients, pad.volumes[:, None] * reference.weights
-
-
-def _deformation(model: Model, gradients: FloatArray, positions: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("eni,eqnj->eqij", positions[model.elements], gradients))
-
-
-def _rotations(deformation: FloatArray) -> FloatArray:
-    """Return the nearest rotation of every matrix, shape [..., 3, 3]."""
-    left, _, right = np.linalg.svd(deformation + _REST_BIAS * np.eye(3))
-    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
-    left[..., :, 2] *= sign[..., None]
-    return np.asarray(left @ right)
-
-
-class _Fit:
-    """Least squares of the nodes to wanted deformations, factored once an axis."""
-
-    def __init__(self, model: Model, gradients: FloatArray, weights: FloatArray) -> None:
-        self._model = model
-        self._weighted = gradients * weights[..., None, None]
-        blocks = np.einsum("eqaj,eqbj->eab", self._weighted, gradients)
-        count = len(model.nodes)
-        matrix = assembled(blocks, model.elements, count)
-        fixed = np.ones(3 * count, dtype=np.bool_)
-        fixed[model.pattern.free_dofs] = False
-        self._free = [np.flatnonzero(~fixed.reshape(-1, 3)[:, axis]) for axis in range(3)]
-        self._rows = [matrix[free] for free in self._free]
-        self._factors = [
-            scipy.sparse.linalg.splu(part[:, free].tocsc())
-            for part, free in zip(self._rows, self._free, strict=True)
-        ]
-
-    def solve(self, wanted: FloatArray, positions: FloatArray) -> FloatArray:
-        """Return the nodes that fit best to the wanted deformations, shape [node_count, 3]."""
-        pull = np.zeros_like(positions)
-        parts = np.einsum("eqij,eqnj->eni", wanted, self._weighted)
-        np.add.at(pull, self._model.elements, parts)
-        fitted = positions.copy()
-        for axis, free in enumerate(self._free):
-            held = positions[:, axis].copy()
-            held[free] = 0.0
-            right = pull[free, axis] - self._rows[axis] @ held
-            fitted[free, axis] = self._factors[axis].solve(right)
-        return fitted

@@ -13,8 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.batch import Batch, BatchForces
 from sim.batch.force_bias import EDGE_M, measured_bias
+from sim.batch.motion_steps import BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Indenter

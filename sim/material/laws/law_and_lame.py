@@ -77,10 +77,10 @@ def cofactor(F: Any) -> Any:
 
 
 @wp.func
-def tangent_block(
-    t: Tangent, g: wp.vec3d, h: wp.vec3d, Gg: wp.vec3d, Gh: wp.vec3d, Cg: wp.vec3d, Ch: wp.vec3d
-) -> wp.mat33d:
-    """Return the block of two shape gradients; the products with G and C are given."""
+def tangent_block(t: Tangent, g: wp.vec3d, h: wp.vec3d) -> wp.mat33d:
+    """Return the block of two shape gradients."""
+    Gg, Gh = t.deformation * g, t.deformation * h
+    Cg, Ch = t.cofactor * g, t.cofactor * h
     w = (t.deformation * wp.cross(g, h)) * t.e
     block = wp.outer(Gg * t.b + Cg * t.c, Gh) + wp.outer(Gg * t.c + Cg * t.d, Ch)
     s = t.a * wp.dot(g, h)

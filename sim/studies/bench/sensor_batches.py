@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.batch import Batch, BatchForces
 from sim.batch.force_bias import press_alone
+from sim.batch.motion_steps import BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.optics.surface_images import SurfaceImages

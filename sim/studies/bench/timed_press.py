@@ -11,7 +11,8 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.batch import Batch, BatchForces
+from sim.batch.motion_steps import BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.cheapest_setting import keeping, keeping_corrected
 from sim.effects.effect_choice import PRESET_TOLERANCE, plan_effects

@@ -197,8 +197,7 @@ def energy_j(path: LoadingPath, inertia: Inertia) -> float:
     """Return the whole pad's energy [J] where the path is: of gel, contact, weight and motion."""
     state = path.last.state if path.last is not None else path.untouched(0.0)
     squares = np.sum(inertia.velocities_m_s**2, axis=1)
-    energy = path.model.gel.energy(state.positions)[0]
-    energy += path.model.surface.energy(state.positions, path.indenter, state)
+    energy = small_pads.stored_j(path.model, path.indenter, state)
     energy += 0.0 if path.potential is None else path.potential.energy(state.positions)
     return path.model.mesh.symmetry.copies * (energy + 0.5 * float(inertia.masses_kg @ squares))
 

@@ -4,14 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.contact.surface_and_grip import ContactOptions, Grip
+from sim.contact.surface_and_grip import ContactOptions, Grip, State
 from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import kuhn_tets
 from sim.mesh.cached_tet_mesh import TetMesh, oriented
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
-from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad
 from sim.solve.model import Model
@@ -145,3 +145,9 @@ def grip_of(point: PathPoint) -> Grip:
     if point.state.grip is None:
         raise ValueError("a press without friction has no grip")
     return point.state.grip
+
+
+def stored_j(model: Model, indenter: Indenter, state: State) -> float:
+    """Return what gel and contact of the modelled part have stored [J]."""
+    contact = model.surface.energy(state.positions, indenter, state)
+    return model.gel.energy(state.positions)[0] + contact

@@ -16,8 +16,7 @@ from sim.effects.press_with_effects import follow, path_for
 from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.slope_kernel import indenter_height
-from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.objects import chisel
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, mesh_indenter
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import load_sensor
@@ -29,6 +28,20 @@ LIMIT_M = 10e-6
 _JUDGED = (Preset.BALANCED, Preset.ACCURATE)
 _SHOWN = (Preset.FAST, *_JUDGED)
 _DEPTH_M = 0.5e-3
+
+
+def chisel() -> MeshIndenter:
+    """Return a chisel: an edge of 4 mm, from which faces fall off by 30 degrees all around."""
+    edge, height, slope = 2e-3, 3e-3, np.tan(np.radians(30.0))
+    reach = height / slope
+    top = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (edge + reach, reach)
+    vertices = np.concatenate(
+        [[[edge, 0.0, 0.0], [-edge, 0.0, 0.0]], np.column_stack([top, np.full(4, height)])]
+    )
+    faces = [[0, 2, 5], [1, 4, 3], [0, 1, 3], [0, 3, 2], [0, 5, 4], [0, 4, 1], [2, 3, 4], [2, 4, 5]]
+    return mesh_indenter(vertices, np.array(faces, dtype=np.int32), name="chisel")
+
+
 # By name: what a table calls a body, and the body.
 BODIES: dict[str, tuple[str, Callable[[], Indenter]]] = {
     "cylinder": ("cylinder 5 mm, rim 0.1 mm", lambda: Cylinder(diameter_m=5e-3, fillet_m=1e-4)),

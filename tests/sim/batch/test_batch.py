@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sim.batch.batch import Batch, BatchOptions
+from sim.batch.batch import Batch
+from sim.batch.motion_steps import BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.contact.surface_and_grip import ContactOptions
 from sim.device import Device, on_host, replaced

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sim.contact.surface_and_grip import ContactForces, ContactOptions, State
-from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
@@ -188,13 +187,3 @@ def test_nodes_take_over_force_and_moment_of_the_points(model: Model) -> None:
     np.testing.assert_allclose(
         np.cross(moved, nodal).sum(axis=0), wanted, atol=1e-12 * size * SIZE_M
     )
-
-
-def test_rounding_is_what_rounded_points_would_change(model: Model) -> None:
-    """All points off by one rounding of their coordinates: no more than what is stated."""
-    here = pressed(model, 0.5 * BARRIER_M)
-    raised = model.rest_state(tip=np.array([0.0, 0.0, HEIGHT_M * (1.0 + 1e-8) + 0.5 * BARRIER_M]))
-    there = model.surface.forces(model.nodes, Plane(), raised)
-    change = float(np.linalg.norm(there.forces - here.forces)) * KERNEL_EPSILON / 1e-8
-    rounding = np.sqrt(model.rounding_n(here) ** 2 - model.gel.rounding_n**2)
-    assert 0.5 * change <= rounding <= 3.0 * change

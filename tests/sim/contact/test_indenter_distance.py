@@ -22,10 +22,11 @@ from sim.scene.indenter import (
     mesh_indenter,
     tilted,
 )
-from sim.scene.objects import OBJECTS, chisel
+from sim.scene.objects import OBJECTS
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
+from sim.studies.verification.height_map import chisel
 from tacauchy_rig.core.arrays import FloatArray
 
 PUNCH = Cylinder(diameter_m=4e-3)

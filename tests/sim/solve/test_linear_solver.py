@@ -31,11 +31,6 @@ def pattern() -> SparsePattern:
     return chain(20)
 
 
-def in_double(pattern: SparsePattern) -> LinearSolver:
-    """Return what computes in float64."""
-    return linear_solver(pattern, np.float64)
-
-
 def matrix(pattern: SparsePattern, diagonal: float) -> tuple[np.ndarray, np.ndarray]:
     """Return CSR values with a diagonal, and the whole matrix."""
     data = np.full(len(pattern.indices), 0.25)
@@ -68,7 +63,7 @@ def test_an_indefinite_matrix_is_refused(pattern: SparsePattern) -> None:
     np.testing.assert_allclose(dense @ found, 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("make", [linear_solver, in_double, SuperLuSolver])
+@pytest.mark.parametrize("make", [linear_solver, SuperLuSolver])
 def test_many_at_once_are_each_alone(
     pattern: SparsePattern, make: Callable[[SparsePattern], LinearSolver]
 ) -> None:
@@ -126,14 +121,13 @@ def test_a_user_overrules_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.usefixtures("nothing_chosen")
-def test_solvers_of_both_kinds_live_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_solvers_of_two_sizes_live_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """One with several threads and one with one take turns; a mixture of both would crash."""
     monkeypatch.setattr(solvers, "_SEVERAL_FROM_UNKNOWNS", 100)
-    for kind in (np.float64, np.float32):
-        small, large = (linear_solver(chain(count), kind) for count in (20, 60))
-        for _ in range(2):
-            factored(large, 60)
-            factored(small, 20)
+    small, large = (linear_solver(chain(count)) for count in (20, 60))
+    for _ in range(2):
+        factored(large, 60)
+        factored(small, 20)
 
 
 def test_the_library_is_found_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
