@@ -274,7 +274,7 @@ _INSIDE = 1e-6  # of these bounds, where a search starts
 _EVALUATIONS, _SETTLED = 30, 1e-4  # the latter is of the misfit
 _STEP = 1e-6  # of a lamp's numbers, whose slopes are found by differences
 # Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
-_GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
+_GENTLE = polynomial_exponents((2, 1, 0, 0))
 _RIDGE = 1e-6
 
 
