@@ -213,7 +213,6 @@ class SurfaceHeights:
         if gel.on_rays is not None and len(gel.on_rays):
             launch(kernels.round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
         launch(kernels.close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
-        launch(kernels.mark_edges, (count, len(gel.faces)), [gel], [canvas])
         self._draw_nodes(count)
         self._bound(count, poses, outputs)
 

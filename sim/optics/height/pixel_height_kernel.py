@@ -9,7 +9,7 @@ Functions on Triangulations, 2007, section 6.3. Quadratic surfaces are reproduce
 import warp as wp
 
 from sim.contact.indenter_distance import Body, Poses
-from sim.optics.height.slope_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, underside
+from sim.optics.height.slope_kernel import FOLLOWS, Canvas, Gel, underside
 from sim.scene.triangle_distance import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
@@ -115,9 +115,8 @@ def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
         px[c] = view.back * at[c] + view.centre
         z[c] = x[2]
         state = canvas.states[env, node]
-        if state & TOUCHES:
-            touching += 1
-        if state & (TOUCHES | SMOOTH | AT_RIM) == TOUCHES | SMOOTH:
+        touching += wp.where(state > 0, 1, 0)
+        if state == FOLLOWS:
             corner_slopes[c] = canvas.slopes[env, node]
         else:
             total = canvas.sums[env, node]

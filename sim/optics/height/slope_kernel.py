@@ -67,9 +67,8 @@ def underside(
 # Of a face's area over twice that of its parameters [m^2]: less has no slope.
 _FLAT_M2 = wp.constant(wp.float64(1.0e-18))
 _SLOPE_STEP_M = wp.constant(wp.float64(1.0e-6))
-# What of a node is so: the first three by the indenter, the last by the faces around it.
-TOUCHES, COVERED, SMOOTH = wp.constant(1), wp.constant(2), wp.constant(4)
-AT_RIM = wp.constant(8)
+# Of a node that touches the indenter, at its rim and elsewhere; zero is one that does not.
+AT_RIM, FOLLOWS = wp.constant(1), wp.constant(2)
 
 
 @wp.struct
@@ -105,7 +104,7 @@ class Canvas:
     nodes: wp.array2d(dtype=wp.vec3d)  # [m]
     slopes: wp.array2d(dtype=wp.vec2d)  # of the indenter at the nodes
     sums: wp.array2d(dtype=wp.vec3d)  # slope of the gel at the nodes times a weight, and the weight
-    states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``TOUCHES`` and what follows
+    states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``AT_RIM``
     heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
     # 1 for a pixel of a facet that touches with all its corners
     pressed: wp.array2d(dtype=wp.uint8)
@@ -182,36 +181,20 @@ def close_gaps(gel: Gel, bodies: wp.array(dtype=Body), poses: Poses, canvas: Can
     env, i = wp.tid()
     x = canvas.nodes[env, i]
     step = _SLOPE_STEP_M
-    state = 0
     ceiling = underside(bodies, poses, gel.standoff, env, x[0], x[1])
-    if ceiling < BESIDE:
-        state = COVERED
     right = underside(bodies, poses, gel.standoff, env, x[0] + step, x[1])
     left = underside(bodies, poses, gel.standoff, env, x[0] - step, x[1])
     ahead = underside(bodies, poses, gel.standoff, env, x[0], x[1] + step)
     behind = underside(bodies, poses, gel.standoff, env, x[0], x[1] - step)
-    slope = wp.vec2d()
+    slope, state, touching = wp.vec2d(), wp.int32(0), AT_RIM
     if wp.max(wp.max(right, left), wp.max(ahead, behind)) < BESIDE:
         slope = wp.vec2d(right - left, ahead - behind) / (wp.float64(2.0) * step)
-        state |= SMOOTH
+        touching = FOLLOWS
     if ceiling - x[2] <= gel.gap * wp.sqrt(wp.float64(1.0) + wp.dot(slope, slope)):
-        state |= TOUCHES
+        state = touching
         canvas.nodes[env, i] = wp.vec3d(x[0], x[1], ceiling)
     canvas.slopes[env, i] = slope
     canvas.states[env, i] = state
-
-
-@wp.kernel(enable_backward=False)
-def mark_edges(gel: Gel, canvas: Canvas):
-    """Mark nodes of facets that are not all covered."""
-    env, f = wp.tid()
-    for facet in range(gel.facets.shape[0]):
-        covered = COVERED
-        for c in range(3):
-            covered &= canvas.states[env, gel.faces[f, gel.facets[facet, c]]]
-        if covered == 0:
-            for c in range(3):
-                wp.atomic_or(canvas.states, env, gel.faces[f, gel.facets[facet, c]], AT_RIM)
 
 
 @wp.kernel(enable_backward=False)
