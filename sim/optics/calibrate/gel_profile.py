@@ -317,7 +317,7 @@ def fit_motions(
     found = (model or ORTHOGRAPHIC).factors
     for _ in range(_ROUNDS):
         weighted = (each * w[:, None] for each, w in zip(equations, weights, strict=True))
-        triangles = [np.linalg.qr(each, mode="r") for each in weighted]
+        triangles = [np.asarray(np.linalg.qr(each, mode="r")) for each in weighted]
         if model is None:
             last = np.concatenate([each[_OWN:, _OWN:] for each in triangles])
             found = np.maximum(np.linalg.lstsq(last[:, :2], last[:, 2], rcond=3e-5)[0], 0.0)

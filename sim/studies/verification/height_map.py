@@ -59,7 +59,7 @@ def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> Floa
     """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
     body = TurnedIndenter(indenter=surface.indenter, rotation=surface.indenter_rotation)
     tip = surface.indenter_position
-    return body.lower_surface(x - tip[0], y - tip[1]) + tip[2]
+    return np.asarray(body.lower_surface(x - tip[0], y - tip[1]) + tip[2])
 
 
 def is_kept(row: Row) -> bool:
