@@ -3,6 +3,7 @@
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -256,7 +257,7 @@ class IntermediateStates:
     def __init__(self, path: LoadingPath, force_n: float, *, stiffer: float = 1.0) -> None:
         self._path, self._stiffer = path, stiffer
         self._wanted_n = [(k / KEPT) ** _BY_DEPTH * force_n for k in range(1, KEPT)]
-        self._found: dict[int, IntermediateState] = {}
+        self._state = cache(lambda k: intermediate_state(path, path.points[k], stiffer=stiffer))
 
     def before(self, force_n: float) -> list[IntermediateState]:
         """Return those that carried clearly less than a force [N], the smallest force first."""
@@ -265,12 +266,6 @@ class IntermediateStates:
         wanted = [each for each in self._wanted_n if each < force_n]
         nearest = {min(below, key=lambda k: abs(forces[k] - each)) for each in wanted if below}
         return [self._state(k) for k in sorted(nearest, key=lambda k: forces[k])]
-
-    def _state(self, k: int) -> IntermediateState:
-        if k not in self._found:
-            point = self._path.points[k]
-            self._found[k] = intermediate_state(self._path, point, stiffer=self._stiffer)
-        return self._found[k]
 
 
 # VTK's names of cells by their nodes: faces and tetrahedra, linear and quadratic.

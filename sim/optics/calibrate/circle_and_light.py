@@ -378,8 +378,8 @@ def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) ->
         f"{press.name} was left out: its label says column {label.x_px:.0f}, row "
         f"{label.y_px:.0f}, radius {label.radius_px:.0f} px, but the image shows the contact "
         f"at {found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px, which "
-        f"explains {explained:.0%} of the change of colour, the label "
-        f"{max(as_labelled, 0.0):.0%}; correct the label"
+        f"explains {explained:.0%} of the change of colour, the label {as_labelled:.0%}; correct "
+        "the label"
     )
 
 
@@ -434,9 +434,8 @@ class _ContactChange:
         # A dome's own slope changes no image.
         tilt = np.interp(np.hypot(dx, dy), profile.radius_m, np.abs(profile.tilt), right=0.0)
         tilt -= tilt.mean()
-        gain = max(float(tilt @ self._seen) / max(float(tilt @ tilt), 1e-12), 0.0)
-        left = float(np.mean((self._seen - gain * tilt) ** 2))
-        return 1.0 - left / max(float(np.var(self._seen)), 1e-12)
+        sizes = float(np.linalg.norm(tilt) * np.linalg.norm(self._seen))
+        return max(float(tilt @ self._seen) / max(sizes, 1e-12), 0.0) ** 2
 
     def search(self, ball_radius_m: float) -> tuple[Circle, float]:
         """Return the contact that explains most, and how much it does."""

@@ -299,16 +299,16 @@ def fit_motions(
 ) -> tuple[MotionModel, list[GelMotion]]:
     """Fit each press's own motion, and what all share unless a model is given: least squares.
 
-    Outliers are bounded. What a press owns is eliminated: any number leaves two unknowns.
+    Outliers are bounded. What a press owns is eliminated: of its equations, triangular by QR, the
+    last ones are of the shared factors alone. Those are not below zero.
     """
-    held, unmoved = np.ones(_OWN), np.zeros(_OWN)
-    known = [np.append(track.motion_px.ravel(), unmoved) for track in tracks]
-    shared, own, under, near = [], [], [], []
+    unmoved, held = np.zeros((_OWN, 3)), np.ones(_OWN)
+    equations, under, near = [], [], []  # terms of a press's own, shared terms, and what is seen
     for track, circle in zip(tracks, circles, strict=True):
         places = track.rest_px + track.motion_px
-        terms = motion_terms(circle, profile, geometry, places)
-        shared.append(np.concatenate([terms[0].reshape(2, -1).T, np.zeros((_OWN, 2))]))
-        own.append(np.concatenate([terms[1].reshape(_OWN, -1).T, _HELD]))
+        shared, own = motion_terms(circle, profile, geometry, places)
+        seen = np.concatenate([own, shared, track.motion_px[None]]).reshape(_OWN + 3, -1).T
+        equations.append(np.concatenate([seen, np.column_stack([_HELD, unmoved])]))
         away = np.maximum(circle.distance(*places.T) / circle.radius_px, 1e-9)
         under.append(away < _NEAR_RADII)
         trust = np.clip(_TRUSTED_RADII / away, _LEAST_TRUST, 1.0) ** 2
@@ -316,14 +316,17 @@ def fit_motions(
     weights = near
     found = (model or ORTHOGRAPHIC).factors
     for _ in range(_ROUNDS):
+        weighted = (each * w[:, None] for each, w in zip(equations, weights, strict=True))
+        triangles = [np.asarray(np.linalg.qr(each, mode="r")) for each in weighted]
         if model is None:
-            found = _shared_factors(own, shared, known, weights)
-        left = [y - b @ found for b, y in zip(shared, known, strict=True)]
+            last = np.concatenate([each[_OWN:, _OWN:] for each in triangles])
+            found = np.maximum(np.linalg.lstsq(last[:, :2], last[:, 2], rcond=3e-5)[0], 0.0)
+        left = [each[:_OWN, _OWN:] @ [*-found, 1.0] for each in triangles]
         values = [
-            np.linalg.lstsq(a * w[:, None], y * w, rcond=1e-9)[0]
-            for a, y, w in zip(own, left, weights, strict=True)
+            np.linalg.lstsq(each[:_OWN, :_OWN], rest, rcond=1e-9)[0]
+            for each, rest in zip(triangles, left, strict=True)
         ]
-        apart = [y - a @ x for a, y, x in zip(own, left, values, strict=True)]
+        apart = [a @ [*-x, *-found, 1.0] for a, x in zip(equations, values, strict=True)]
         errors = [np.hypot(*each[:-_OWN].reshape(-1, 2).T) for each in apart]
         bounds = [
             np.append(np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2), held) for d in errors
@@ -334,19 +337,3 @@ def fit_motions(
         for x, d, close in zip(values, errors, under, strict=True)
     ]
     return MotionModel(per_distance=float(found[0]), slide=float(found[1])), motions
-
-
-def _shared_factors(
-    own: Sequence[FloatArray],
-    shared: Sequence[FloatArray],
-    known: Sequence[FloatArray],
-    weights: Sequence[FloatArray],
-) -> FloatArray:
-    """Return the factors of all presses, not below zero, with what each press owns eliminated."""
-    normal, load = np.zeros((2, 2)), np.zeros(2)
-    for a, b, y, w in zip(own, shared, known, weights, strict=True):
-        basis = np.linalg.svd(a * w[:, None], full_matrices=False)[0]
-        terms, rest = (each - basis @ (basis.T @ each) for each in (b * w[:, None], y * w))
-        normal += terms.T @ terms
-        load += terms.T @ rest
-    return np.asarray(np.maximum(np.linalg.lstsq(normal, load, rcond=1e-9)[0], 0.0))

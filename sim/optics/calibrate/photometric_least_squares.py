@@ -271,10 +271,9 @@ _START = (0.2, 1.6, 0.08)  # elevation [rad], distance [half widths], softness
 _LOWEST = (0.03, 1.15, 0.02)
 _HIGHEST = (0.9, 6.0, 0.5)
 _INSIDE = 1e-6  # of these bounds, where a search starts
-_EVALUATIONS, _SETTLED = 30, 1e-4  # the latter is of the misfit
-_STEP = 1e-6  # of a lamp's numbers, whose slopes are found by differences
+_EVALUATIONS, _SETTLED = 30, 1e-3  # the latter is of the misfit
 # Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
-_GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
+_GENTLE = polynomial_exponents((2, 1, 0, 0))
 _RIDGE = 1e-6
 
 
@@ -302,7 +301,6 @@ def fit_terms(
     found = least_squares(
         search.left_over,
         np.clip(begin, low + _INSIDE, high - _INSIDE),
-        jac=search.slopes,
         bounds=(low, high),
         ftol=_SETTLED,
         max_nfev=_EVALUATIONS,
@@ -346,38 +344,12 @@ class _Search:
     def left_over(self, numbers: FloatArray) -> FloatArray:
         """Return what is left of the samples' colours, and the coefficients' own size."""
         features = self._features(numbers)
-        coefficients = self._solved(features)
+        coefficients = NormalEquations.of(features, self._samples).solved(_RIDGE)
         off = (self._samples.change - coefficients @ features) * self._samples.weights
         return np.concatenate([off, -self._hold * coefficients], axis=1).ravel()
 
-    def slopes(self, numbers: FloatArray) -> FloatArray:
-        """Return how ``left_over`` changes with each number, after Kaufman (1975).
-
-        The coefficients follow: a change of features counts as far as no others can make it up.
-        """
-        features, gentle = self._features(numbers), len(self._polynomial)
-        coefficients = self._solved(features)
-        shaded = coefficients[:, gentle:].reshape(3, -1, 3)[:, :-1]  # without creases
-        moved = np.zeros((len(numbers), *self._samples.weights.shape))
-        for kind in range(4):
-            step = np.zeros_like(numbers)
-            step[slice(kind, -1, 3) if kind < 3 else -1] = _STEP
-            change = (self._features(numbers + step) - features)[gentle:-3] / _STEP
-            lit = np.einsum("cmp,mpn->mcn", shaded, change.reshape(-1, 3, change.shape[1]))
-            moved[slice(kind, -1, 3) if kind < 3 else -1] = lit if kind < 3 else lit.sum(axis=0)
-        found = []
-        for weights, own in zip(self._samples.weights, moved.transpose(1, 0, 2), strict=True):
-            known, change = features * weights, own * weights
-            held = known @ known.T + self._hold**2 * np.eye(len(known))
-            made_up = np.linalg.solve(held, known @ change.T)
-            found.append(np.concatenate([known.T @ made_up - change.T, self._hold * made_up]))
-        return np.concatenate(found)
-
     def _features(self, numbers: FloatArray) -> FloatArray:
         return np.concatenate([self._polynomial, self._samples.shading(self.terms(numbers))])
-
-    def _solved(self, features: FloatArray) -> FloatArray:
-        return NormalEquations.of(features, self._samples).solved(_RIDGE)
 
 
 def _around(azimuths: Sequence[float]) -> FloatArray:

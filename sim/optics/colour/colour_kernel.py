@@ -7,7 +7,7 @@ import warp as wp
 from sim.optics.colour.model_interface_and_response import CREASE_UNIT_M, INDENTATION_UNIT_M
 from sim.optics.pixels.blur_and_exposure_kernel import Layout, bend_of, place_of
 
-# Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
+# Where pixels' samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = wp.constant(wp.float32(0.01))
 
 
@@ -121,15 +121,6 @@ def _colour(
     return red, green, blue
 
 
-@wp.func
-def _chosen(apart: Any, sample: Any, middle: Any):
-    """Return the sample's values where samples are apart, and their mean elsewhere."""
-    chosen = type(apart)()
-    for n in range(len(apart)):
-        chosen[n] = wp.where(apart[n] > _LEVEL_TILT, sample[n], middle[n])
-    return chosen
-
-
 @wp.kernel(enable_backward=False, module="unique")
 def colour_pixels(
     layout: Layout,
@@ -146,7 +137,7 @@ def colour_pixels(
     # Data out:
     change_out: wp.array2d(dtype=Any),
 ):
-    """Mean change of colour of pixels' samples; of their mean where they are tilted alike."""
+    """Mean change of colour of pixels' samples; of their mean where a block's are tilted alike."""
     image, i, k = wp.tid()
     row = first + i
     u = columns[k]
@@ -162,23 +153,20 @@ def colour_pixels(
             at += layout.plane
     share = wp.float32(1.0) / wp.float32(layout.samples * layout.samples)
     p, q, w, bend = p * share, q * share, w * share, bend * share
-    apart = type(u)()
+    apart = wp.float32(0.0)
     at = begin
     for _s in range(layout.samples * layout.samples):
         p_off, q_off = along[1, at] - p, across[at] - q
-        apart = wp.max(apart, wp.max(wp.abs(p_off), wp.abs(q_off)))
+        apart = wp.max(apart, wp.max(wp.max(wp.abs(p_off), wp.abs(q_off))))
         at += layout.plane
     red, green, blue = type(u)(), type(u)(), type(u)()
-    if wp.max(apart) > _LEVEL_TILT:
+    if apart > _LEVEL_TILT:
         at = begin
         for a in range(layout.samples):
             for c in range(layout.samples):
-                p_one = _chosen(apart, along[1, at], p)
-                q_one = _chosen(apart, across[at], q)
-                w_one = _chosen(apart, dent[at], w)
-                bend_one = _chosen(apart, bend_of(layout, along, across, at, a, c), bend)
+                bend = bend_of(layout, along, across, at, a, c)
                 one_red, one_green, one_blue = _colour(
-                    model, lamps, layout, row, k, u, p_one, q_one, w_one, bend_one
+                    model, lamps, layout, row, k, u, along[1, at], across[at], dent[at], bend
                 )
                 red += share * one_red
                 green += share * one_green

@@ -9,7 +9,7 @@ Functions on Triangulations, 2007, section 6.3. Quadratic surfaces are reproduce
 import warp as wp
 
 from sim.contact.indenter_distance import Body, Poses
-from sim.optics.height.slope_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part, underside
+from sim.optics.height.slope_kernel import FOLLOWS, Canvas, Gel, underside
 from sim.scene.triangle_distance import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
@@ -96,30 +96,27 @@ def _pixel(place: wp.float64, least: int, most: int):
 
 
 @wp.kernel(enable_backward=False)
-def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, canvas: Canvas):
-    """Draw the facets of parts, some threads to each: the lowest sheet of a fold is seen.
+def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
+    """Draw the facets of faces, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
     rim, that of the free gel. Beside the contact the gel only rises.
     """
     env, number, lane = wp.tid()
     facets = gel.facets.shape[0]
-    part, facet = first_part + number / facets, number % facets
-    if not is_part(canvas, env, part):
-        return
+    face, facet = number / facets, number % facets
     at, px, corner_slopes = _Corners(), _Corners(), _Corners()
     z = wp.vec3d()
     touching = 0
     for c in range(3):
-        node = gel.parts[part, gel.facets[facet, c]]
+        node = gel.faces[face, gel.facets[facet, c]]
         x = canvas.nodes[env, node]
         at[c] = wp.vec2d(x[0], x[1])
         px[c] = view.back * at[c] + view.centre
         z[c] = x[2]
         state = canvas.states[env, node]
-        if state & TOUCHES:
-            touching += 1
-        if state & (TOUCHES | SMOOTH | AT_RIM) == TOUCHES | SMOOTH:
+        touching += wp.where(state > 0, 1, 0)
+        if state == FOLLOWS:
             corner_slopes[c] = canvas.slopes[env, node]
         else:
             total = canvas.sums[env, node]

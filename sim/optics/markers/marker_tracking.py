@@ -145,20 +145,11 @@ def _widest_px(image: ImageArray) -> int:
 def follow_markers(printed: PrintedMarkers, loaded: ImageArray) -> MarkerTracks:
     """Follow markers into another frame, RGB, by pyramidal Lucas-Kanade, there and back.
 
-    Markers that disagree with their neighbours are looked for again where those have gone; what
-    stays apart, is hidden, or looks otherwise is lost.
+    What disagrees with its neighbours, is hidden, or looks otherwise is lost.
     """
     before, after = (_levels(ink_taken(image)) for image in (printed.frame, loaded))
     rest = printed.centres_px
-    moved, error = _flow(before, after, rest, np.zeros_like(rest))
-    for _ in range(2):
-        off = _off_neighbours(rest, moved)
-        if not off.any() or off.all():
-            break
-        known = np.flatnonzero(~off)
-        near = known[cKDTree(rest[known]).query(rest[off], k=min(3, len(known)))[1]]
-        start = np.median(moved[near.reshape(off.sum(), -1)], axis=1)
-        moved[off], error[off] = _flow(before, after, rest[off], start)
+    moved, error = _flow(before, after, rest)
     found = ~_off_neighbours(rest, moved)
     return MarkerTracks(
         rest_px=rest[found], motion_px=moved[found], error_px=error[found], lost=int(np.sum(~found))
@@ -169,9 +160,7 @@ def _levels(taken: Float32Array) -> ImageArray:
     return np.asarray(np.clip(taken * 255.0, 0.0, 255.0), dtype=np.uint8)
 
 
-def _flow(
-    before: ImageArray, after: ImageArray, rest: FloatArray, start: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _flow(before: ImageArray, after: ImageArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return motions [px] and their standard errors [px]; not a number where none was found."""
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)
     size: dict[str, Any] = {
@@ -179,10 +168,9 @@ def _flow(
         "maxLevel": _LEVELS,
         "criteria": stop,
     }
-    here, guess = rest.astype(np.float32), (rest + start).astype(np.float32)
-    use = cv2.OPTFLOW_USE_INITIAL_FLOW
+    here, use = rest.astype(np.float32), cv2.OPTFLOW_USE_INITIAL_FLOW
     there, seen, unlike = cv2.calcOpticalFlowPyrLK(
-        before, after, here, guess.copy(), flags=use, **size
+        before, after, here, here.copy(), flags=use, **size
     )
     back, seen_back, _ = cv2.calcOpticalFlowPyrLK(
         after, before, there, here.copy(), flags=use, **size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -76,20 +76,18 @@ class TactileRenderer:
             device=device,
             lanes=CPU_LANES if on_cpu else GPU_LANES,
         )
-        self._rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
+        rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
         frame = background.astype(np.float32).transpose(2, 0, 1)
         self._colours = model.over(frame, self._blocks)
-        self._shadows = shadows
         self._weights = gaussian_weights(blur_px)
+        self._images = partial(_Images, self._blocks, rest, self._colours, shadows, self._weights)
         self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
-        self._images: dict[int, _Images] = {}
         self._base = self._colours.light - self._blurred_change_at_rest()
-        self._images.clear()
 
     def render(self, height: RealArray) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
-        dents, rendered = self.prepared(1)
+        dents, rendered = self._single
         dents.assign((self._rest_height - height)[None].astype(np.float32))
         return np.array(rendered().numpy()[0])
 
@@ -99,7 +97,7 @@ class TactileRenderer:
         Those are of the samples [m], Warp float32, shape [count, height, width]. Rendering does not
         wait; its images, Warp uint8, shape [count, height, width, 3], the next one overwrites.
         """
-        images = self._images_of(count, self._base)
+        images = self._images(count, self._base)
 
         def rendered() -> Any:
             self._run(images.to_change)
@@ -108,9 +106,13 @@ class TactileRenderer:
 
         return images.dent, rendered
 
+    @cached_property
+    def _single(self) -> tuple[Any, Callable[[], Any]]:
+        return self.prepared(1)
+
     def _blurred_change_at_rest(self) -> Float32Array:
         """Return what the model says of the unloaded gel [grey levels], [3, height, width]."""
-        images = self._images_of(1, self._colours.light)
+        images = self._images(1, self._colours.light)
         images.dent.zero_()
         self._run(images.to_change)
         change = images.change.pixels(self._blocks).transpose(1, 2, 0)
@@ -119,13 +121,6 @@ class TactileRenderer:
             change, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REFLECT_101
         )
         return np.asarray(blurred.transpose(2, 0, 1), dtype=np.float32)
-
-    def _images_of(self, count: int, base: Float32Array) -> _Images:
-        if count not in self._images:
-            self._images[count] = _Images(
-                self._blocks, count, self._rest, self._colours, self._shadows, self._weights, base
-            )
-        return self._images[count]
 
     def _run(self, stages: Sequence[Sequence[Task]]) -> None:
         """Do stages one after the other, the parts of each side by side."""
@@ -144,11 +139,11 @@ class _Images:
     def __init__(
         self,
         layout: PixelBlocks,
-        count: int,
         rest: Any,
         colours: PixelColours,
         shadows: ShadowCaster | None,
         weights: Float32Array,
+        count: int,
         base: Float32Array,
     ) -> None:
         self._layout, self._count, self._device = layout, count, Device(layout.device)

@@ -15,8 +15,14 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import follow, path_for
 from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.slope_kernel import indenter_height
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, mesh_indenter
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    MeshIndenter,
+    Sphere,
+    TurnedIndenter,
+    mesh_indenter,
+)
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import load_sensor
@@ -67,6 +73,13 @@ def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> Row:
         ABOVE_LIMIT: int(np.sum(off > LIMIT_M)),
         ABOVE_INDENTER: int(np.sum(heights > indenter_height(surface, *geometry.pad_grid()))),
     }
+
+
+def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
+    body = TurnedIndenter(indenter=surface.indenter, rotation=surface.indenter_rotation)
+    tip = surface.indenter_position
+    return np.asarray(body.lower_surface(x - tip[0], y - tip[1]) + tip[2])
 
 
 def is_kept(row: Row) -> bool:

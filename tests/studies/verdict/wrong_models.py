@@ -10,10 +10,10 @@ from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from sim.fields.saved_press import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.height.slope_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset
+from sim.studies.verification.height_map import indenter_height
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.verdict.bench import Bench

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy import ndimage
-from scipy.optimize import approx_fprime
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.circle_and_light import PlacedPress, PressScene
@@ -23,7 +22,6 @@ from sim.optics.calibrate.cross_validation import (
 from sim.optics.calibrate.photometric_least_squares import (
     NormalEquations,
     PhotometricSamples,
-    _Search,
     fit_photometric,
 )
 from sim.optics.colour.model_interface_and_response import LINEAR
@@ -225,24 +223,3 @@ def test_noise_holds_a_fit_back() -> None:
         return float(str(model.provenance["ridge"]))
 
     assert ridge(20.0) > ridge(0.3)
-
-
-@pytest.mark.parametrize("blurred", [False, True])
-def test_slopes_lead_downhill(blurred: bool) -> None:
-    """The gradient of what is left over is that of differences, though the fits follow."""
-    rng = np.random.default_rng(4)
-    around = 4 * blurred
-    surface = rng.uniform(-1.0, 1.0, (2 + around, 4, 300))
-    surface *= np.array([0.5, 0.5, 1e-3, 1e3])[:, None]
-    samples = PhotometricSamples(
-        surface=surface,
-        shares=(0.0 if blurred else 1.0, *[0.25] * around, -1.0),
-        position=rng.uniform(-1.0, 1.0, (2, 300)),
-        change=rng.normal(0.0, 20.0, (3, 300)),
-        weights=rng.uniform(0.0, 1.0, (3, 300)),
-    )
-    search = _Search(samples, aspect=0.75, crease_limit=1e4)
-    numbers = np.array([0.3, 0.3, 2.0, 2.0, 0.5, 1.5, -1.0, 0.2, 3.0, 0.1])
-    slopes = search.slopes(numbers).T @ search.left_over(numbers)
-    expected = approx_fprime(numbers, lambda at: 0.5 * np.sum(search.left_over(at) ** 2), 1e-6)
-    np.testing.assert_allclose(slopes, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
