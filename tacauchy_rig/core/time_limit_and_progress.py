@@ -5,17 +5,21 @@ is left. Both hold for the thread that began them.
 """
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
+from hashlib import sha256
 from threading import Event, Thread
 
 from tacauchy_rig.core.errors import TimeLimitError
 
 _SILENT_S, _TICK_SHARE = 2.0, 0.1
 """A tick later than that it speaks, and on a busy computer later still: three seconds at most."""
+
+# How long processors are looked at [s], and what keeps them busy: threads hash it side by side.
+_LOOK_S, _HASHED = 0.1, bytes(1 << 16)
 
 _end: ContextVar[tuple[float, float]] = ContextVar("_end", default=(math.inf, math.inf))
 _steps: ContextVar[list[str] | None] = ContextVar("_steps", default=None)
@@ -120,6 +124,19 @@ def say(line: str) -> None:
     _listener.get()(line)
 
 
+def _processors(count: int) -> float:
+    """Return how many processors so many threads get now, as they do beside all that runs."""
+    began, used = time.monotonic(), time.process_time()
+
+    def work(_: int) -> None:
+        while time.monotonic() < began + _LOOK_S:
+            sha256(_HASHED)
+
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(work, range(count)))
+    return (time.process_time() - used) / (time.monotonic() - began)
+
+
 class Remaining:
     """How long a work may still take, by what its parts are expected to cost.
 
@@ -128,35 +145,32 @@ class Remaining:
         jobs: Processes that share it.
     """
 
-    # Until so much [s] is done, what other programs leave of the processors counts, too.
-    _TRUSTED_S = 15.0
+    _TRUSTED_S = 3.0  # of expected time, which what was known before counts as
 
     def __init__(self, total_s: float, *, jobs: int = 1) -> None:
-        self._left_s, self._done_s = total_s, 0.0
-        self.begin()
-        busy = (os.getloadavg()[0] + jobs) / (os.cpu_count() or 1)
-        self._pace = max(1.0, busy) / jobs
+        self._processors = {count: max(_processors(count), 0.01) for count in {1, jobs}}
+        self._jobs, self._left_s, self._slowness = jobs, 0.0, 1.0
+        self._known = time.monotonic()
+        self.add(total_s)
 
-    def begin(self) -> None:
-        """Count the time that it takes from now on."""
-        self._began = time.monotonic()
+    def add(self, cost_s: float, *, alone: bool = False) -> None:
+        """Note that there is more to do, by all processes or by one alone."""
+        self._left_s += cost_s / self._processors[1 if alone else self._jobs]
 
-    def add(self, cost_s: float) -> None:
-        """Note that more is left to do."""
-        self._left_s += cost_s
-
-    def spend(self, cost_s: float) -> None:
+    def spend(self, cost_s: float, *, alone: bool = False) -> None:
         """Note that a part of it is done."""
-        self._left_s, self._done_s = self._left_s - cost_s, self._done_s + cost_s
+        before_s, began = self._left_s, self._known
+        self.add(-cost_s, alone=alone)
+        self._known = time.monotonic()
+        took_s = self._TRUSTED_S * self._slowness + self._known - began
+        self._slowness = took_s / (self._TRUSTED_S + before_s - self._left_s)
 
     def seconds(self) -> float:
         """Return the time left [s]."""
-        took_s = time.monotonic() - self._began if self._done_s else 0.0
-        pace = (self._TRUSTED_S * self._pace + took_s) / (self._TRUSTED_S + self._done_s)
-        return max(0.0, self._left_s) * pace
+        return max(0.0, self._left_s) * self._slowness
 
     def __str__(self) -> str:
         left_s = self.seconds()
-        if left_s < 90.0:
+        if left_s < 180.0:
             return f"about {left_s:.0f} s left"
         return f"about {left_s / 60.0:.0f} min left"

@@ -62,7 +62,10 @@ def turn_dents(
     # Data out:
     turned_out: wp.array(dtype=Any),
 ):
-    """Interpolate indentations where rays cross columns or rows; beside the image there is none."""
+    """Interpolate indentations where rays cross columns or rows.
+
+    Beside the image there is none, or else the border's bulge: no gel stands over what is seen.
+    """
     image, k, m = wp.tid()
     k += first
     steps = rays.starts.shape[0]
@@ -80,7 +83,8 @@ def turn_dents(
         lower = dent[row + side * rays.side_stride]
         upper = dent[row + (side + 1) * rays.side_stride]
         beside = wp.max(wp.float32(1.0) - wp.abs(place - bounded), wp.float32(0.0))
-        values[n] = beside * (lower + part * (upper - lower))
+        inside = lower + part * (upper - lower)
+        values[n] = wp.min(beside * inside, inside)
     turned_out[to] = values
 
 

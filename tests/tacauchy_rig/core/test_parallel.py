@@ -253,15 +253,31 @@ def test_what_takes_long_is_told_and_idle_time_is_not() -> None:
 
 
 def test_what_is_left_follows_how_fast_it_went(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At first by what others leave of the processors, then by what was seen."""
-    now = [0.0]
+    """At first by the processors that are free, then by how fast the first parts went."""
+    now, free = [0.0], [2.0]
     monkeypatch.setattr(time_limit_and_progress.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(time_limit_and_progress.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
-    monkeypatch.setattr(time_limit_and_progress.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(time_limit_and_progress, "_processors", lambda count: min(count, free[0]))
     left = Remaining(200.0, jobs=2)
-    assert left.seconds() == pytest.approx(200.0)  # four programs on two processors
+    left.add(10.0, alone=True)
+    assert left.seconds() == pytest.approx(110.0)
+    now[0] = 30.0
+    left.spend(10.0, alone=True)  # one process took thrice as long: so will two
+    assert left.seconds() == pytest.approx(300.0, rel=0.2)
     for _ in range(10):
-        now[0] += 30.0
+        now[0] += 15.0
         left.spend(10.0)
-    assert left.seconds() == pytest.approx(300.0, rel=0.15)
-    assert str(left) == "about 5 min left"
+    assert left.seconds() == pytest.approx(150.0, rel=0.15)
+    free[0] = 0.5
+    assert str(Remaining(150.0, jobs=2)) == "about 5 min left"
+
+
+def test_busy_programs_are_seen_at_once() -> None:
+    """The load average would tell of a busy loop a minute later, and as long after its end."""
+    count, loops = 4 * (os.cpu_count() or 1), []
+    try:
+        loops = [subprocess.Popen(["sh", "-c", "while :; do :; done"]) for _ in range(count)]
+        assert Remaining(100.0).seconds() > 200.0
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()

@@ -209,8 +209,8 @@ def _images(request: OpticsRequest, folder: Path, background: ImageArray) -> dic
     return images
 
 
-# Processor seconds of simulated presses, a contact, figures, a press's fit with shadows or without
-_PRESSES_S, _FIND_S, _DRAW_S, _FIT_S = 3.2, 0.05, 4.5, {True: 0.41, False: 0.14}
+# Processor seconds of simulated presses, of figures, of a press's fit with shadows or without
+_PRESSES_S, _DRAW_S, _FIT_S = 3.2, 4.5, {True: 0.41, False: 0.14}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,22 +249,21 @@ def calibrate_and_check(
     radius_m, shadows = 0.5 * request.ball_diameter_m, request.sensor.optics.shadows
     count, depths = len(given), len(DEPTHS_M)
     folds = min(request.folds, count)
-    find_s = _FIND_S * (len(given.images) + len(given_check.images))
     fit_s = count * _FIT_S[shadows is not None]
     jobs = min(request.jobs, folds)
-    alone = Remaining(_PRESSES_S + find_s)
-    fits = Remaining((folds + 1) * fit_s + jobs * _DRAW_S, jobs=jobs)  # one process draws
+    left = Remaining((folds + 1) * fit_s, jobs=jobs)
+    left.add(_PRESSES_S + _DRAW_S, alone=True)
 
     def tell(what: str, done: int) -> None:
-        seconds = alone.seconds() + fits.seconds()
-        on_step(what, done, depths + folds + 1, f"about {seconds:.0f} s left" if seconds else "")
+        on_step(what, done, depths + folds + 1, str(left))
 
     def pressed(done: int) -> None:
-        alone.spend(_PRESSES_S / depths)
+        left.spend(_PRESSES_S / depths, alone=True)
         tell(f"ball pressed {DEPTHS_M[done - 1] * 1e3:.2f} mm deep in the simulator", done)
 
     def fitted(fold: int) -> None:
-        fits.spend(fit_s)
+        if fold % jobs == 0:  # those that began together end together
+            left.spend(fit_s * min(jobs, folds + 1 - fold))
         what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
         tell(what, depths + fold + 1)
 
@@ -288,8 +287,6 @@ def calibrate_and_check(
             remedy="check that the circles are of these images, and their columns",
         )
     warnings += check_before(presses, geometry, ball_radius_m=radius_m) + wrong
-    alone.spend(find_s)
-    fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
     scores, labelled, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted

@@ -295,6 +295,20 @@ def test_the_wall_of_a_round_punch_is_round() -> None:
     assert radii.mean() < star.mean()
 
 
+def test_no_pixel_of_a_wall_lies_below_its_foot() -> None:
+    """Slopes at nodes that all but stand over one another led 0.7 mm below: spikes with shadows."""
+    surface = _punched()
+    nodes = surface.positions_rest.copy()
+    radius = np.hypot(*nodes[:, :2].T)
+    off = radius - _RADIUS_M
+    nodes[:, 2] -= 3e-4 / (1.0 + np.exp(off / 2e-5))
+    closer = 0.95 * off * np.exp(-((off / 4e-5) ** 2)) / np.maximum(radius, 1e-9)
+    nodes[:, :2] *= 1.0 - closer[:, None]
+    shaped = replace(surface, positions=nodes, indenter_position=np.array([0.0, 0.0, 1.0]))
+    loaded = height_maps(shaped, _camera(half_width_m=1.05 * _RADIUS_M, pixel_m=5e-6)).loaded
+    assert loaded.min() > loaded[len(loaded) // 2, len(loaded) // 2] - 1e-7
+
+
 def test_no_pixel_of_a_press_lies_above_the_indenter() -> None:
     """The map stays below the body itself, not only below what bounds the gel."""
     surface, geometry = _punched(), _camera(half_width_m=7e-3, pixel_m=50e-6)

@@ -234,6 +234,14 @@ def test_shadow_falls_away_from_the_lamp(azimuth_deg: float) -> None:
     assert taken.max() <= 0.0
 
 
+def test_gel_beside_the_image_casts_no_shadow() -> None:
+    """Gel that bulges away from the camera up to the border goes on beside it."""
+    lamp = Lamp(azimuth_rad=0.52, elevation_rad=0.26, colour=(80.0, 0.0, 0.0), distance_m=0.018)
+    caster = ShadowCaster(lamps=(lamp,), softness_m=2e-5, spread=0.1)
+    bulge, flat = np.full((96, 128), -2e-4, np.float32), np.zeros((2, 96, 128), np.float32)
+    np.testing.assert_array_equal(darkening(caster, bulge, flat, camera()), 0.0)
+
+
 def test_shadow_ends_where_the_ray_clears_the_dent() -> None:
     """A wall of 0.3 mm under a lamp at 10 degrees shades 0.3 mm / tan 10 = 1.70 mm behind it."""
     wall = np.zeros((96, 128), np.float32)
