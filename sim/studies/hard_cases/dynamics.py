@@ -5,6 +5,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from sim.fields.contact_moment_and_area import contact_measures
+from sim.fields.contact_signature import contact_signature
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.scene.pad import DiscPad
@@ -14,7 +15,6 @@ from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia
 from sim.studies.hard_cases import small_pads
 from sim.studies.hard_cases.small_pads import Measured, Outcome
-from sim.studies.modes.contact_signature import contact_signature
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
