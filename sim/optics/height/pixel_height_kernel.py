@@ -100,8 +100,7 @@ def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
     """Draw the facets of faces, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
-    rim, that of the free gel. Beside the contact the gel only rises; slopes of a wall's narrow
-    parts, which come last, would draw pixels far below it, and those cast shadows.
+    rim, that of the free gel. Beside the contact the gel only rises.
     """
     env, number, lane = wp.tid()
     facets = gel.facets.shape[0]
@@ -138,7 +137,7 @@ def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
     if width <= 0 or lane >= count:
         return
     floor = -BARE_M
-    if touching > 0 or first_part > 0:
+    if touching > 0:
         floor = wp.min(wp.min(z[0], z[1]), z[2])
     patches = _patches(at, z, corner_slopes)
     per_area = wp.float64(1.0) / area
