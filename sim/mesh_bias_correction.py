@@ -224,7 +224,7 @@ def corrected_settings(scene: Scene) -> dict[Setting, RelativeCost]:
         for edges, rule in rules_of(scene).items()
     }
     return {
-        setting: RelativeCost(rule.time_ratio, max(rule.rest(setting.applied(scene)), rule.finest))
+        setting: RelativeCost(rule.time_ratio, rule.rest(setting.applied(scene)))
         for setting, rule in settings.items()
     }
 
