@@ -110,7 +110,7 @@ def fold_error(scene: Scene) -> float:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to 178
-# drawn scenes. Of each seed left out, 95 % kept what is stated.
+# drawn scenes; what may remain, to 274: 96 % kept what is stated.
 _UNDER_BALL: dict[float, BiasRule] = {
     1.0: BiasRule(
         slope=0.0019,
@@ -124,17 +124,17 @@ _UNDER_BALL: dict[float, BiasRule] = {
         beside=0.0092,
     ),
     1.4: BiasRule(
-        slope=0.00078, squeeze=0.0192, of_bias=0.15, least_rest=0.0034, time_ratio=0.6, beside=0.009
+        slope=0.00078, squeeze=0.0192, of_bias=0.15, least_rest=0.0036, time_ratio=0.6, beside=0.009
     ),
 }
 _UNDER_PUNCH = _UNDER_BALL | {
     1.4: BiasRule(
-        share=0.0078, slope=0.00105, of_bias=0.15, least_rest=0.0048, time_ratio=0.6, beside=0.009
+        share=0.0078, slope=0.00105, of_bias=0.15, least_rest=0.0052, time_ratio=0.6, beside=0.009
     )
 }
 _UNDER_PUNCH_THAT_HOLDS = {
     1.0: _UNDER_BALL[1.0],
-    2.2: BiasRule(slope=0.00032, of_bias=0.15, least_rest=0.0048, time_ratio=1.4),
+    2.2: BiasRule(slope=0.00032, of_bias=0.15, least_rest=0.0042, time_ratio=1.4),
 }
 # Meshes around a footprint are finer still at the contact's edge: 25 bodies of all kinds; edges of
 # 1/0.6: 57 bodies of triangles, of 1/1.6: 53. Of these the share lies between the references: edges
