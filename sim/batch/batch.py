@@ -61,8 +61,7 @@ class BatchForces:
         tips_m: Positions of the tips [m], in the frame of the poses, shape [..., 3].
         residual: Norm of the unbalanced force divided by that of the contact force.
         imbalance: Difference of base reaction and indenter force, divided by the latter.
-        valid: True where an equilibrium was found and nothing is pressed through the gel; elsewhere
-            forces are NaN.
+        valid: True where an equilibrium was found; elsewhere forces are NaN.
         evaluations: Number of force evaluations for this frame.
     """
 
@@ -177,7 +176,7 @@ class Batch:
         # Contact begins so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
-        shapes = {"tips": (self.count, 2), "touched": (self.count, 17), "last": nodes}
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 16), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)

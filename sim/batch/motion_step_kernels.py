@@ -17,10 +17,10 @@ _NOTHING = wp.constant(wp.float64(1e-300))
 # How often a load is corrected at most, the change of a bias that is none, and the largest bias.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
-# Of a light contact (``sensor_model``): radius, and mean depth squared over radius, where it ends,
-# over ``reach``, and how a base at hand and steepness stiffen it.
-_LIGHT, _DENT = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.083))
-_NEAR_BASE, _STEEPER = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(0.05))
+# Of a light contact (``sensor_model``): radius over ``reach`` and mean depth over radius where it
+# ends, how a base at hand stiffens it, and how much rounding may take off.
+_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.6))
+_NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
 # Of the pad's height: mean overlap from which errors of F_z grow, and by how much for all of it.
 _DEEP_FROM, _DEEP = wp.constant(wp.float64(0.25)), wp.constant(wp.float64(1.0))
 # How far above its first goal an indenter begins to come down [m].
@@ -62,7 +62,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 17]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 16]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
@@ -255,7 +255,7 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(17):
+            for k in range(16):
                 history.touched[b, k] = wp.float64(0.0)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
@@ -267,7 +267,7 @@ def arrive(
 
 
 @wp.func
-def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.vec2d):
+def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.vec4d):
     """Return a contact's force [N] by what it overlaps of the resting gel, and how light it is.
 
     The third is by what share of the pad's height it overlaps more than errors are known for.
@@ -284,10 +284,11 @@ def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.
         radius = wp.float64(0.25) * wp.sqrt(xx + yy + both + both) + wp.float64(0.5) * wp.sqrt(both)
         if radius > zero:
             steep = depth / radius
-            more = _NEAR_BASE * radius / height + _STEEPER * steep
+            off = wp.min(light[2] / (radius * radius), _MOST_OFF)
+            more = _NEAR_BASE * radius / height + light[1] * steep + off
             force = light[0] * depth * radius * wp.exp(more)
-            dent = steep * depth / _DENT
-            share = wp.exp(-wp.pow(radius / _LIGHT, wp.float64(4.0)) - dent * dent)
+            four = wp.float64(4.0)
+            share = wp.exp(-wp.pow(radius / _LIGHT, four) - wp.pow(steep / _STEEP, four))
     return force, share, deep
 
 
@@ -297,7 +298,7 @@ def note(
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
-    light: wp.array(dtype=wp.vec2d),
+    light: wp.array(dtype=wp.vec4d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -313,9 +314,7 @@ def note(
     is: it is corrected until its bias stands still.
     """
     b = wp.tid()
-    if history.arrives[b] == 1 and history.touched[b, 16] > wp.float64(0.0):
-        history.moves[b] = 0  # it is pressed through the gel
-    elif history.arrives[b] == 1:
+    if history.arrives[b] == 1:
         f = motions.frame[b]
         ends = motions.done[b] + 1 == motions.parts[b]
         area, force = history.touched[b, 6], history.touched[b, 2]
@@ -346,7 +345,7 @@ def note(
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] * wp.exp(-own)
                 narrow = left[b][1] * terms[1]
-                beside = share * (light[b][1] - narrow) + _DEEP * deep
+                beside = share * (light[b][3] - narrow) + _DEEP * deep
                 found.error[f, b] = left[b][0] + narrow + beside
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)

@@ -1,17 +1,15 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sim.batch import motion_step_kernels as kernels
-from sim.batch.sensor_model import ForceBias, face_shares, finer_values, pressure_form, reach_of
+from sim.batch.sensor_model import ForceBias, face_shares, pressure_form, quarter_values, reach_of
 from sim.contact.barrier_and_friction_kernels import Pressed
-from sim.contact.indenter_distance import body_of
 from sim.device import Device, replaced
-from sim.scene.indenter import IndenterSet
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
@@ -80,7 +78,7 @@ class Frames:
         self._new = device.zeros(1, wp.int32)
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        kinds = (wp.vec3d, wp.vec4d, wp.vec2d, wp.vec2d)
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d, wp.vec4d)
         biased = [device.array(*each) for each in zip(bias, kinds, strict=True)]
         self._begin, self._end = self._recorded(biased, options)
 
@@ -161,14 +159,9 @@ class Frames:
         begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, own, [*begun, descents.busy])]
-        finer = [finer_values(model, halvings) for halvings in (1, 2)]
-        tables = (pressure_form(model), face_shares(model), *finer)
+        tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
-        bodies = descents.indenter
-        assert isinstance(bodies, IndenterSet)  # noqa: S101 - a batch's are
-        edged = body_of(replace(bodies, rounding_m=0.0), device=self._device.name)
-        formed += [self._rest, edged, wp.float64(self.motions.standoff)]
-        formed.append(wp.float64(reach_of(model)))
+        formed += [self._rest, wp.float64(reach_of(model))]
         at = [descents.pressed, history.arrives]
         now = [state, poses, self.motions, history]
         end = [

@@ -237,11 +237,7 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
-_Moments = wp.types.vector(length=9, dtype=wp.float64)
-# Of a body's underside: steps to it at most, the share of a height that is none, and the least
-# slope of a tangent.
-_RISES_MAX, _MET = wp.constant(20), wp.constant(wp.float64(1e-6))
-_UPRIGHT = wp.constant(wp.float64(1e-3))
+_Moments = wp.types.vector(length=8, dtype=wp.float64)
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -261,9 +257,8 @@ class ContactKernels:
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
     # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2].
-    # Then what ``edged`` bodies, ``lower`` [m] than the others, overlap of the resting gel by many
-    # points ``finer``: integrals of g, g^2, g x, g y, g z, g x^2, g y^2 and g x y [m^2] with depth
-    # g along z, x and y from the tip and height z, all over ``reach``; and where none is left of it
+    # Then what the indenter overlaps of the resting gel, integrals of g, g^2, g x, g y, g z, g x^2,
+    # g y^2 and g x y [m^2] with depth g, x and y from the tip and height z, all over ``reach``
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -285,22 +280,6 @@ def add_traction(
         for k in range(surface.faces.shape[1]):
             term = repeatable(force * surface.values[q, k], surface.shift)
             wp.atomic_add(nodes, b, surface.faces[f, k], term)
-
-
-@wp.func
-def underside(body: Body, top: wp.vec3d):
-    """Return the height [m] of a body's underside below a point inside; 0 where none is above.
-
-    It rises from the base along tangents, which pass through no convex body.
-    """
-    height, rest = wp.float64(0.0), wp.float64(1.0)
-    rises = wp.int32(0)
-    while rises < _RISES_MAX and rest > _MET * top[2]:
-        gap, n = nearby_gap(body, wp.vec3d(top[0], top[1], height), top[2])
-        rest = wp.min(wp.max(gap, wp.float64(0.0)) / wp.max(-n[2], _UPRIGHT), top[2] - height)
-        height += rest
-        rises += 1
-    return height
 
 
 @cache
@@ -458,10 +437,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         form: wp.array2d(dtype=wp.float64),
         shares: wp.array(dtype=wp.float64),
         others: wp.array3d(dtype=wp.float64),
-        finer: wp.array3d(dtype=wp.float64),
         rest: wp.array(dtype=wp.vec3d),
-        edged: wp.array(dtype=Body),
-        lower: wp.float64,
         reach: wp.float64,
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
@@ -471,43 +447,26 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             here, x = met(at, b, f, q)
             distance, _n = nearby_gap(here, x, reach)
             if distance < reach:
-                touched = wp.float64(0.0)
+                tip = wp.vec3d(at.poses.tips[b][0], at.poses.tips[b][1], wp.float64(0.0))
+                touched, moments = wp.float64(0.0), _Moments()
                 for r in range(others.shape[1]):
-                    there = wp.vec3d()
+                    there, before = wp.vec3d(), wp.vec3d()
                     for k in range(others.shape[2]):
                         there += at.positions[b, at.surface.faces[f, k]] * others[q, r, k]
+                        before += rest[at.surface.faces[f, k]] * others[q, r, k]
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
                     touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
+                    gap, _n = nearby_gap(here, before, at.surface.distance)
+                    g = wp.max(at.surface.distance - gap, wp.float64(0.0)) / reach
+                    c = (before - tip) / reach
+                    moments += g * _Moments(
+                        wp.float64(1.0), g, c[0], c[1], c[2], c[0] * c[0], c[1] * c[1], c[0] * c[1]
+                    )
+                share = at.surface.areas[f, q] / wp.float64(others.shape[1])
                 shift = at.surface.shift / at.surface.young[b]
-                touched *= at.surface.areas[f, q] / wp.float64(others.shape[1])
-                wp.atomic_add(wrench_out, b, 6, repeatable(touched, shift))
-                sharp = posed(edged, at.poses, b)
-                tip = at.poses.tips[b]
-                moments = _Moments()
-                for r in range(finer.shape[1]):
-                    there = wp.vec3d(wp.float64(0.0), wp.float64(0.0), lower)
-                    for k in range(finer.shape[2]):
-                        there += rest[at.surface.faces[f, k]] * finer[q, r, k]
-                    gap, _n = nearby_gap(sharp, there, at.surface.distance)
-                    if gap < wp.float64(0.0):
-                        under = underside(sharp, there)
-                        g = (there[2] - under) / reach
-                        c = (there - tip) / reach
-                        z = there[2] / reach
-                        moments += _Moments(
-                            g,
-                            g * g,
-                            g * c[0],
-                            g * c[1],
-                            g * z,
-                            g * c[0] * c[0],
-                            g * c[1] * c[1],
-                            g * c[0] * c[1],
-                            wp.where(under > wp.float64(0.0), wp.float64(0.0), g),
-                        )
-                share = at.surface.areas[f, q] / wp.float64(finer.shape[1])
-                for k in range(9):
+                wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
+                for k in range(8):
                     wp.atomic_add(wrench_out, b, 8 + k, repeatable(share * moments[k], shift))
             _x, _gap, _density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
             v = normal + along

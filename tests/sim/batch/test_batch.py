@@ -162,15 +162,6 @@ def test_who_does_not_arrive_has_no_numbers(smooth: Model) -> None:
     np.testing.assert_array_equal(np.isnan(found.wrench[..., 2]), ~found.valid)
 
 
-def test_who_is_pressed_through_the_gel_has_no_numbers(smooth: Model) -> None:
-    """A punch that ends below the base is not valid, even tilted; one that is half as deep is."""
-    poses = [_pose(0, 0, 1.5e-3), _pose(0, 0, 3.2e-3), _pose(0, 0, 3.2e-3, tilted(0.1, 0.0))]
-    batch = Batch(smooth, [replace(PUNCH, fillet_m=0.5e-3)], [0] * 3)
-    found = batch.step(np.array(poses))
-    np.testing.assert_array_equal(found.valid, [True, False, False])
-    np.testing.assert_array_equal(np.isnan(found.wrench[:, 2]), ~found.valid)
-
-
 def test_a_residual_that_is_accepted_ends_a_step_after_as_many_iterations(smooth: Model) -> None:
     """Three steps leave a residual that is stated, for less work, and the next call mends it."""
     few = BatchOptions(residual_relative=1e-6, steps_max=3, accepts_residual=True)
