@@ -11,7 +11,7 @@ from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.mesh.elements import doubled_areas, linear_facets
 from sim.mesh.mirror_symmetry import WholeSurface
-from sim.scene.indenter import Indenter, MeshIndenter, grown, turned_triangles
+from sim.scene.indenter import Indenter, MeshIndenter, TurnedIndenter, grown, turned_triangles
 from sim.scene.triangle_surface import renumbered
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
@@ -75,6 +75,12 @@ class SurfaceState:
             signs=np.ones_like(self.positions_rest),
             mesh_axis_m=self.mesh_axis_m,
         )
+
+    def indenter_height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
+        body = TurnedIndenter(indenter=self.indenter, rotation=self.indenter_rotation)
+        tip = self.indenter_position
+        return np.asarray(body.lower_surface(x - tip[0], y - tip[1]) + tip[2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from sim.error_estimate import guaranteed
 from sim.mesh_bias_correction import WAY, corrected_settings, correction, rules_of
 from sim.press import press
 from sim.press_arguments import scene_from
-from sim.scene.indenter import Plane
+from sim.scene.indenter import Cylinder, Plane
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
 from sim.tolerance import Tolerance
@@ -54,15 +54,30 @@ def test_a_given_force_has_its_depth_corrected(found: PressOutputs) -> None:
 
 
 def test_what_a_bias_depends_on() -> None:
-    """Edges, how well the gel keeps its volume, sticking and the pad's sides."""
+    """Edges, how well the gel keeps its volume, depth, the pad's sides; no ball's friction."""
     soft = replace(SCENE, material=replace(SCENE.material, poisson=0.4))
     stuck = replace(SCENE, contact=ContactMode.FRICTION, friction=0.8)
     aside = replace(SCENE, centre_m=(8.5e-3, 0.0))
-    biases = [rule.bias(SCENE) for rule in rules_of(SCENE).values()]
-    for rule in rules_of(SCENE).values():
-        assert rule.bias(soft) < rule.bias(SCENE) < rule.bias(stuck)
+    deep = replace(SCENE, target=Target(depth_m=0.8e-3))
+    rules = rules_of(SCENE)
+    assert rules_of(stuck) == rules_of(deep) == rules
+    assert list(rules) == sorted(rules)
+    assert rules[1.4].bias(SCENE) < min(rules[1.0].bias(SCENE), rules[1.4].bias(deep))
+    for rule in rules.values():
+        assert rule.bias(soft) < rule.bias(SCENE) == rule.bias(stuck)
         assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
-    assert biases == sorted(biases, reverse=True)
+
+
+def test_a_punch_that_holds_ends_on_shorter_edges() -> None:
+    """Its load steps then have preset fast's own; without friction longer ones, as a ball's."""
+    punch = replace(SCENE, indenter=Cylinder(diameter_m=5e-3, fillet_m=0.5e-3))
+    held = replace(punch, contact=ContactMode.FRICTION, friction=0.8)
+    slides, holds, ball = (
+        {setting.refinement: setting.path_refinement for setting in corrected_settings(scene)}
+        for scene in (punch, held, SCENE)
+    )
+    assert slides == ball == {1.0: WAY, 1.4: WAY}
+    assert holds == {1.0: 0.75, 2.2: 1.0}
 
 
 def test_a_body_of_triangles_has_longer_edges_where_that_is_enough() -> None:

@@ -6,11 +6,17 @@ those in the middle of chords come out right, those at the ends lie too far out,
 height. Only for drawing, the nodes at the ends of chords are put onto the smooth closed curve
 through those in the middle.
 
-Heights are interpolated as a graph over the image, from facet to facet; a quadratic face is four.
+Heights are interpolated as a graph over the image, from facet to facet. Where a wall is steep, its
+quadratic face is seen as a narrow sliver, and a graph through its six nodes is not the face. A face
+is cut in sixteen, all of them the same quadratic surface. Edges of which only one face is cut stay
+straight seen from above, as the other face draws them. A face's places are the points of a grid of
+eighths: its six nodes, six more on each edge, and 21 inside. Which faces are steep changes with
+every press; the tables serve whichever are.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.saved_press import SurfaceState, TopSurface
-from sim.mesh.elements import QUARTERS
+from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 from sim.optics.height import slope_kernel as kernels
 from sim.optics.height.pixel_height_kernel import (
     BARE_M,
@@ -143,6 +149,7 @@ class SurfaceHeights:
         else:
             bound = grown(indenter, standoff_m)
         self._body = body_of(bound, device=device)
+        self._is_quadratic = top.faces.shape[1] == 6
         # What each node lies below the pad's top at rest: edges are chords of a dome.
         lifts = np.zeros(len(top.rest))
         if pad is not None:
@@ -150,9 +157,10 @@ class SurfaceHeights:
             lifts[~np.isfinite(lifts)] = 0.0
         self._take_tables(top, lifts, standoff=standoff_m, gap=contact_gap_m)
         gel, (rows, columns) = self._gel, self._size
-        pixels = rows * columns
-        drawn = dict.fromkeys(("heights", "pressed"), (count, pixels)) | {"rest": (pixels,)}
-        self._canvas = self._device.zeroed(kernels.Canvas, (count, len(gel.sources)), **drawn)
+        nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
+        drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
+        others = {"steep": (count, len(gel.faces)), "rest": (pixels,)}
+        self._canvas = self._device.zeroed(kernels.Canvas, (count, nodes), **drawn, **others)
         empty = self._device.empty
         self._no_dent: Any = empty((0, 0, 0), wp.float32)
         self._no_map = empty((0, 0), wp.float64), empty((0, 0), wp.uint8)
@@ -182,15 +190,16 @@ class SurfaceHeights:
 
     def _take_tables(self, top: TopSurface, lifts: FloatArray, **lengths_m: float) -> None:
         tables: dict[str, Any] = {"sources": top.sources, "signs": top.signs, "faces": top.faces}
-        is_quadratic, axis = top.faces.shape[1] == 6, top.mesh_axis_m
-        tables |= {"lifts": lifts, "facets": QUARTERS if is_quadratic else [[0, 1, 2]]}
-        if is_quadratic and axis is not None:
-            tables |= round_rings(top.rest, top.faces, axis)
+        tables |= {"lifts": lifts, "parts": top.faces, "facets": [[0, 1, 2]]}
+        axis = top.mesh_axis_m
+        if self._is_quadratic:
+            tables |= cut_tables(top.faces, len(top.rest)) | {"facets": QUARTERS}
+            tables |= {} if axis is None else round_rings(top.rest, top.faces, axis)
         middle = wp.vec2d(*(axis or (0.0, 0.0)))
         self._gel = self._device.tables(kernels.Gel, tables, axis=middle, **lengths_m)
 
     def _draw_rest(self, top: TopSurface) -> None:
-        """Draw the unloaded surface as it is, not round, far from the indenter."""
+        """Draw the unloaded surface as it is, neither round nor cut, far from the indenter."""
         device, canvas = self._device, self._canvas
         nodes = np.zeros((1, top.sources.max() + 1, 3))
         nodes[0, top.sources] = top.rest * top.signs
@@ -210,8 +219,11 @@ class SurfaceHeights:
         count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
         poses = filled(Poses, tips=tips, rotations=rotations)
         launch(kernels.take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
-        if gel.on_rays is not None and len(gel.on_rays):
+        if _length(gel.on_rays):
             launch(kernels.round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
+        if self._is_quadratic:
+            launch(kernels.mark_steep, canvas.steep.shape, [gel], [canvas])
+            launch(kernels.add_nodes, (count, len(gel.face)), [gel], [canvas])
         launch(kernels.close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
         self._draw_nodes(count)
         self._bound(count, poses, outputs)
@@ -220,12 +232,14 @@ class SurfaceHeights:
         """Find slopes at the nodes of the first surfaces, and draw their facets."""
         gel, canvas, launch = self._gel, self._canvas, self._device.launch
         canvas.sums.zero_()
-        launch(kernels.add_slopes, (count, len(gel.faces)), [gel], [canvas])
+        launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
-        lanes = _GPU_LANES if self._device.is_gpu else 1
-        shape = (count, len(gel.faces) * len(gel.facets), lanes)
-        launch(draw_facets, shape, [gel, self._view, lanes], [canvas])
+        faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
+        whole = _GPU_LANES if self._device.is_gpu else 1
+        for first, end, lanes in (0, faces, whole), (faces, parts, 1):
+            shape = (count, (end - first) * facets, lanes)
+            launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
         for by_columns in (True, False):
@@ -233,6 +247,11 @@ class SurfaceHeights:
             self._device.launch(fill_bare, lines, [self._view, by_columns], [self._canvas])
         inputs = [self._gel, self._view, self._body, poses, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
+
+
+def _length(table: Any) -> int:
+    """Return the length of a table, which a mesh that calls for none has not."""
+    return 0 if table is None else len(table)
 
 
 def _view(geometry: CameraGeometry) -> Any:
@@ -304,3 +323,82 @@ def _rings(
         on_rays, between = nodes[members[on_ray[members]]], nodes[members[~on_ray[members]]]
         if len(on_rays) == len(between) >= _SECTORS_MIN:
             yield on_rays, between
+
+
+_EIGHTHS = 8
+_FACE_NODES = ((8, 0, 0), (0, 8, 0), (0, 0, 8), (4, 4, 0), (0, 4, 4), (4, 0, 4))
+_ON_EDGE = (1, 2, 3, 5, 6, 7)
+
+
+@cache
+def cut_face() -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return the places of a face; the first 24 are its nodes and those on its edges.
+
+    As ``values`` and ``straight`` of ``slope_kernel.Gel``, of 45 places, and as the places of the
+    parts' nodes, shape [16, 6].
+    """
+    places = list(_FACE_NODES)
+    for a, b in FACE_EDGES:
+        for step in _ON_EDGE:
+            place = [0, 0, 0]
+            place[a], place[b] = _EIGHTHS - step, step
+            places.append((place[0], place[1], place[2]))
+    inner = [(a, b, _EIGHTHS - a - b) for a in range(1, _EIGHTHS) for b in range(1, _EIGHTHS - a)]
+    places += [place for place in inner if place not in places]
+    number = {place: index for index, place in enumerate(places)}
+    values = quadratic_triangle_values(np.array(places) / _EIGHTHS)
+    parts = []
+    straight = np.zeros((len(places), 3))
+    for quarter in _in_four(np.array(_FACE_NODES)):
+        corners, middles = quarter[:3], quarter[3:]
+        to_local = np.linalg.inv(corners.T.astype(np.float64))
+        for sixteenth in _in_four(quarter):
+            nodes = [number[tuple(place)] for place in sixteenth.tolist()]
+            parts.append(nodes)
+            shapes = quadratic_triangle_values(sixteenth @ to_local.T)
+            for edge, (_, _, opposite) in enumerate(((0, 1, 2), (1, 2, 0), (2, 0, 1))):
+                bent = 3 + np.flatnonzero(middles[:, opposite] == 0)
+                straight[nodes, edge] = shapes[:, bent].sum(axis=1)
+    return values, straight, np.array(parts, dtype=np.int32)
+
+
+def _in_four(nodes: IntArray) -> list[IntArray]:
+    """Return the four parts of a face with six nodes in eighths, each with six."""
+    parts = [nodes[list(part)] for part in QUARTERS]
+    return [np.concatenate([part, (part + np.roll(part, -1, axis=0)) // 2]) for part in parts]
+
+
+def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
+    """Number the nodes that cutting quadratic faces would add after a mesh's own."""
+    ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, first, edge, uses = np.unique(
+        np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    edge = edge.reshape(-1)
+    order = np.argsort(edge, kind="stable")
+    last = order[np.cumsum(uses) - 1]
+    other = np.where(np.arange(len(edge)) == first[edge], last[edge], first[edge])
+    across = np.where(uses[edge] == 2, other // 3, -1).reshape(-1, 3)
+    count, steps = len(_ON_EDGE), np.arange(len(_ON_EDGE))
+    forward = (ends[:, 0] < ends[:, 1])[:, None]
+    on_edges = count * edge[:, None] + np.where(forward, steps, steps[::-1])
+    values, straight, parts = cut_face()
+    inner = len(values) - 6 - 3 * count
+    own = count * len(first) + np.arange(len(faces) * inner).reshape(-1, inner)
+    added = np.concatenate([on_edges.reshape(-1, 3 * count), own], axis=1)
+    place_of = np.broadcast_to(6 + np.arange(added.shape[1]), added.shape)
+    face_of = np.broadcast_to(np.arange(len(faces))[:, None], added.shape)
+    _, at = np.unique(added, return_index=True)
+    face, place = face_of.reshape(-1)[at], place_of.reshape(-1)[at]
+    on_edge = place < 6 + 3 * count
+    beside = np.where(on_edge, across[face, np.where(on_edge, (place - 6) // count, 0)], -1)
+    nodes = np.concatenate([faces, node_count + added], axis=1)
+    return {
+        "parts": np.concatenate([faces, nodes[:, parts].reshape(-1, 6)]),
+        "values": values,
+        "straight": straight,
+        "across": across,
+        "face": face,
+        "beside": beside,
+        "place": place,
+    }

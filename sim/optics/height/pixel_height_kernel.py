@@ -9,7 +9,7 @@ Functions on Triangulations, 2007, section 6.3. Quadratic surfaces are reproduce
 import warp as wp
 
 from sim.contact.indenter_distance import Body, Poses
-from sim.optics.height.slope_kernel import FOLLOWS, Canvas, Gel, underside
+from sim.optics.height.slope_kernel import FOLLOWS, Canvas, Gel, is_part, underside
 from sim.scene.triangle_distance import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
@@ -96,20 +96,23 @@ def _pixel(place: wp.float64, least: int, most: int):
 
 
 @wp.kernel(enable_backward=False)
-def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
-    """Draw the facets of faces, some threads to each: the lowest sheet of a fold is seen.
+def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, canvas: Canvas):
+    """Draw the facets of parts, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
-    rim, that of the free gel. Beside the contact the gel only rises.
+    rim, that of the free gel. Beside the contact the gel only rises; slopes of a wall's narrow
+    parts, which come last, would draw pixels far below it, and those cast shadows.
     """
     env, number, lane = wp.tid()
     facets = gel.facets.shape[0]
-    face, facet = number / facets, number % facets
+    part, facet = first_part + number / facets, number % facets
+    if not is_part(canvas, env, part):
+        return
     at, px, corner_slopes = _Corners(), _Corners(), _Corners()
     z = wp.vec3d()
     touching = 0
     for c in range(3):
-        node = gel.faces[face, gel.facets[facet, c]]
+        node = gel.parts[part, gel.facets[facet, c]]
         x = canvas.nodes[env, node]
         at[c] = wp.vec2d(x[0], x[1])
         px[c] = view.back * at[c] + view.centre
@@ -137,7 +140,7 @@ def draw_facets(gel: Gel, view: View, lanes: wp.int32, canvas: Canvas):
     if width <= 0 or lane >= count:
         return
     floor = -BARE_M
-    if touching > 0:
+    if touching > 0 or first_part > 0:
         floor = wp.min(wp.min(z[0], z[1]), z[2])
     patches = _patches(at, z, corner_slopes)
     per_area = wp.float64(1.0) / area

@@ -1,6 +1,7 @@
 """Warp kernels from a model's nodes to the nodes and slopes that a height map is drawn from.
 
-Every kernel's first index is the environment.
+Every kernel's first index is the environment. A part is a face, or one of the sixteen of a steep
+face; which of them there are, ``steep`` says.
 """
 
 import warp as wp
@@ -64,6 +65,8 @@ def underside(
     return wp.where(beside, BESIDE, height + tip[2] - away_m * R[2, 2])
 
 
+_SIXTEEN = wp.constant(16)
+_STEEP_SLOPE = wp.constant(wp.float64(0.5))
 # Of a face's area over twice that of its parameters [m^2]: less has no slope.
 _FLAT_M2 = wp.constant(wp.float64(1.0e-18))
 _SLOPE_STEP_M = wp.constant(wp.float64(1.0e-6))
@@ -73,9 +76,10 @@ AT_RIM, FOLLOWS = wp.constant(1), wp.constant(2)
 
 @wp.struct
 class Gel:
-    """How the drawn nodes follow a model's, and which of them make faces.
+    """How the drawn nodes follow a model's, and which of them make faces and parts.
 
-    Of a mesh that calls for none the rings, which are drawn round, are empty.
+    What a mesh does not call for is empty: steep faces that are cut (``height_map``), rings that
+    are drawn round.
     """
 
     # Node of the model that each drawn one is, or mirrors, shape [node_count]
@@ -83,10 +87,21 @@ class Gel:
     signs: wp.array(dtype=wp.vec3d)  # of its coordinates
     lifts: wp.array(dtype=wp.float64)  # by what the pad's top lies higher at rest [m]
     faces: wp.array2d(dtype=wp.int32)  # nodes of each face, shape [face_count, 6 or 3]
-    # Corners of a face's linear facets among its nodes, shape [4 or 1, 3]
+    # Nodes of the faces, then of the sixteen parts of each, the same width
+    parts: wp.array2d(dtype=wp.int32)
+    # Corners of a part's linear facets among its nodes, shape [4 or 1, 3]
     facets: wp.array2d(dtype=wp.int32)
     standoff: wp.float64  # by how much what bounds the gel is larger than the indenter [m]
     gap: wp.float64  # largest gap between gel and what bounds it that counts as touching [m]
+    # Shape functions of a face at the places of a cut one, shape [place_count, 6]
+    values: wp.array2d(dtype=wp.float64)
+    # how far a place moves, seen from above, with the bend of each edge drawn straight
+    straight: wp.array2d(dtype=wp.float64)
+    # The face across each edge, -1 at the border, shape [face_count, 3]
+    across: wp.array2d(dtype=wp.int32)
+    face: wp.array(dtype=wp.int32)  # a face of each node that cutting adds
+    beside: wp.array(dtype=wp.int32)  # the other one of a node on an edge, -1 where there is none
+    place: wp.array(dtype=wp.int32)  # which place of ``face`` it is
     axis: wp.vec2d  # of the rings, x and y [m]
     angle: wp.array(dtype=wp.float64)  # about the axis at rest of the nodes [rad]
     # Nodes in the middle of chords, shape [ring_count, sector_count]
@@ -101,10 +116,11 @@ class Gel:
 class Canvas:
     """What is drawn; the first index is the environment."""
 
-    nodes: wp.array2d(dtype=wp.vec3d)  # [m]
+    nodes: wp.array2d(dtype=wp.vec3d)  # the model's and those that cutting adds [m]
     slopes: wp.array2d(dtype=wp.vec2d)  # of the indenter at the nodes
     sums: wp.array2d(dtype=wp.vec3d)  # slope of the gel at the nodes times a weight, and the weight
     states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``AT_RIM``
+    steep: wp.array2d(dtype=wp.int32)  # 1 for a face that is cut
     heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
     # 1 for a pixel of a facet that touches with all its corners
     pressed: wp.array2d(dtype=wp.uint8)
@@ -158,9 +174,9 @@ def _face_node(k: int):
 
 
 @wp.func
-def _tangents(gel: Gel, canvas: Canvas, env: int, f: int, k: int):
+def _tangents(canvas: Canvas, faces: wp.array2d(dtype=wp.int32), env: int, f: int, k: int):
     """Return the derivatives of a face along its edges 01 and 02, at its node ``k``."""
-    nodes, faces = canvas.nodes, gel.faces
+    nodes = canvas.nodes
     a, b, c = nodes[env, faces[f, 0]], nodes[env, faces[f, 1]], nodes[env, faces[f, 2]]
     along, across = b - a, c - a
     if faces.shape[1] == 6:
@@ -175,10 +191,59 @@ def _tangents(gel: Gel, canvas: Canvas, env: int, f: int, k: int):
     return along, across
 
 
+@wp.kernel(enable_backward=False)
+def mark_steep(gel: Gel, canvas: Canvas):
+    """Mark the faces that are somewhere steeper than a limit, or hang over."""
+    env, f = wp.tid()
+    steep = 0
+    for k in range(6):
+        along, across = _tangents(canvas, gel.faces, env, f, k)
+        normal = wp.cross(along, across)
+        if wp.sqrt(normal[0] * normal[0] + normal[1] * normal[1]) > _STEEP_SLOPE * normal[2]:
+            steep = 1
+    canvas.steep[env, f] = steep
+
+
+@wp.func
+def _is_added(gel: Gel, canvas: Canvas, env: int, i: int):
+    """Return whether one of the faces of a node that cutting adds is cut."""
+    cut = canvas.steep[env, gel.face[i]] == 1
+    if not cut and gel.beside[i] >= 0:
+        cut = canvas.steep[env, gel.beside[i]] == 1
+    return cut
+
+
+@wp.kernel(enable_backward=False)
+def add_nodes(gel: Gel, canvas: Canvas):
+    """Put nodes where steep faces are cut, see ``height_map``."""
+    env, i = wp.tid()
+    if not _is_added(gel, canvas, env, i):
+        return
+    f, place = gel.face[i], gel.place[i]
+    x = wp.vec3d()
+    for k in range(6):
+        x += gel.values[place, k] * canvas.nodes[env, gel.faces[f, k]]
+    for edge in range(3):
+        across = gel.across[f, edge]
+        both = 0
+        if across >= 0:
+            both = canvas.steep[env, f] * canvas.steep[env, across]
+        if both == 0:
+            ends = canvas.nodes[env, gel.faces[f, edge]]
+            ends += canvas.nodes[env, gel.faces[f, (edge + 1) % 3]]
+            bend = ends - wp.float64(2.0) * canvas.nodes[env, gel.faces[f, 3 + edge]]
+            by = wp.float64(0.125) * gel.straight[place, edge]
+            x += by * wp.vec3d(bend[0], bend[1], wp.float64(0.0))
+    canvas.nodes[env, gel.sources.shape[0] + i] = x
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def close_gaps(gel: Gel, bodies: wp.array(dtype=Body), poses: Poses, canvas: Canvas):
     """Lift nodes that touch onto the indenter; say which do, and its slope there."""
     env, i = wp.tid()
+    added = i - gel.sources.shape[0]
+    if added >= 0 and not _is_added(gel, canvas, env, added):
+        return
     x = canvas.nodes[env, i]
     step = _SLOPE_STEP_M
     ceiling = underside(bodies, poses, gel.standoff, env, x[0], x[1])
@@ -197,16 +262,27 @@ def close_gaps(gel: Gel, bodies: wp.array(dtype=Body), poses: Poses, canvas: Can
     canvas.states[env, i] = state
 
 
+@wp.func
+def is_part(canvas: Canvas, env: int, part: int):
+    """Return whether a part is drawn: a face that is not steep, or a part of one that is."""
+    faces = canvas.steep.shape[1]
+    if part < faces:
+        return canvas.steep[env, part] == 0
+    return canvas.steep[env, (part - faces) / _SIXTEEN] == 1
+
+
 @wp.kernel(enable_backward=False)
 def add_slopes(gel: Gel, canvas: Canvas):
-    """Add the slopes of faces at their nodes, weighted by areas, and the weights."""
-    env, f = wp.tid()
-    for k in range(gel.faces.shape[1]):
-        s, t = _tangents(gel, canvas, env, f, k)
+    """Add the slopes of parts at their nodes, weighted by areas, and the weights."""
+    env, part = wp.tid()
+    if not is_part(canvas, env, part):
+        return
+    for k in range(gel.parts.shape[1]):
+        s, t = _tangents(canvas, gel.parts, env, part, k)
         area = s[0] * t[1] - s[1] * t[0]
         weighed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.abs(area))
         if wp.abs(area) > _FLAT_M2:
             turn = wp.sign(area)
             weighed[0] = turn * (t[1] * s[2] - s[1] * t[2])
             weighed[1] = turn * (s[0] * t[2] - t[0] * s[2])
-        wp.atomic_add(canvas.sums, env, gel.faces[f, k], weighed)
+        wp.atomic_add(canvas.sums, env, gel.parts[part, k], weighed)

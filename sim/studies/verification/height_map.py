@@ -15,14 +15,7 @@ from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import follow, path_for
 from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
-from sim.scene.indenter import (
-    Cylinder,
-    Indenter,
-    MeshIndenter,
-    Sphere,
-    TurnedIndenter,
-    mesh_indenter,
-)
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, mesh_indenter
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import load_sensor
@@ -57,29 +50,23 @@ BODIES: dict[str, tuple[str, Callable[[], Indenter]]] = {
 # Headings of what is measured.
 LARGEST, RMS = "largest difference of a pixel [um]", "rms [um]"
 ABOVE_LIMIT, ABOVE_INDENTER = "pixels above 10 um", "pixels above the indenter"
-# Heights are kept in nanometres.
-_UNIT_M = 1e-9
+# Heights are kept in nanometres; below a picometre it is rounding.
+_UNIT_M, _ROUNDING_M = 1e-9, 1e-12
 
 
 def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> Row:
     """Press a body 0.5 mm deep into a GelSight Mini and compare the heights pixel by pixel."""
     surface, geometry, heights = _seen(name, preset)
     off = np.abs(heights - reference)
+    above = heights - surface.indenter_height(*geometry.pad_grid())
     return {
         "indenter, 0.5 mm deep": BODIES[name][0],
         "preset": preset.value,
         LARGEST: float(off.max()) * 1e6,
         RMS: float(np.sqrt(np.mean(off**2))) * 1e6,
         ABOVE_LIMIT: int(np.sum(off > LIMIT_M)),
-        ABOVE_INDENTER: int(np.sum(heights > indenter_height(surface, *geometry.pad_grid()))),
+        ABOVE_INDENTER: int(np.sum(above > _ROUNDING_M)),
     }
-
-
-def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
-    body = TurnedIndenter(indenter=surface.indenter, rotation=surface.indenter_rotation)
-    tip = surface.indenter_position
-    return np.asarray(body.lower_surface(x - tip[0], y - tip[1]) + tip[2])
 
 
 def is_kept(row: Row) -> bool:

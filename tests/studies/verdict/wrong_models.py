@@ -13,7 +13,6 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset
-from sim.studies.verification.height_map import indenter_height
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.verdict.bench import Bench
@@ -115,7 +114,7 @@ def _penetrated(bench: Bench, percent: float) -> RunEvidence:
 
     def cut(surface: SurfaceState) -> SurfaceState:
         rest = surface.positions_rest
-        bottom = indenter_height(surface, rest[:, 0], rest[:, 1])
+        bottom = surface.indenter_height(rest[:, 0], rest[:, 1])
         rigid = rest.copy()
         rigid[:, 2] = np.fmin(rest[:, 2], bottom)
         share = 0.01 * percent

@@ -12,14 +12,13 @@ from scipy.spatial.transform import Rotation
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
 from sim.fields.saved_press import SurfaceState, seen_surface, surface_state
-from sim.mesh.elements import FACE_EDGES, quadratic_nodes
-from sim.optics.height.height_map import height_maps
+from sim.mesh.elements import FACE_EDGES, doubled_areas, linear_facets, quadratic_nodes
+from sim.optics.height.height_map import cut_face, cut_tables, height_maps
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.verification.height_map import indenter_height
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import (
@@ -314,7 +313,7 @@ def test_no_pixel_of_a_press_lies_above_the_indenter() -> None:
     surface, geometry = _punched(), _camera(half_width_m=7e-3, pixel_m=50e-6)
     assert surface.standoff_m > 0.0
     loaded = height_maps(surface, geometry).loaded
-    assert (loaded <= indenter_height(surface, *geometry.pad_grid())).all()
+    assert (loaded <= surface.indenter_height(*geometry.pad_grid())).all()
 
 
 def test_a_wide_barrier_moves_no_wall() -> None:
@@ -347,3 +346,24 @@ def test_rings_that_are_round_already_stay() -> None:
     as_is = height_maps(replace(shaped, mesh_axis_m=None), geometry).loaded
     # The arc's height over a chord of 18 degrees is 1.2 % of the radius, the slope up to 0.05.
     assert np.abs(drawn - as_is).max() < 2e-6
+
+
+def test_cut_faces_keep_the_surface() -> None:
+    """The parts of faces cover what the faces covered, and neighbours share the nodes on edges."""
+    surface = _punched()
+    faces = surface.faces
+    cut = cut_tables(faces, len(surface.positions))
+    added, places = cut["parts"][len(faces) :], cut_face()[2]
+    at = surface.positions[faces]
+    bends = 0.125 * (at[:, :3] + np.roll(at[:, :3], -1, axis=1) - 2.0 * at[:, 3:])
+    at_border = np.where(cut["across"][..., None] < 0, bends, 0.0)
+    on_faces = cut["values"] @ at + cut["straight"] @ at_border
+    nodes = np.concatenate([surface.positions, on_faces[cut["face"], cut["place"]]])
+    parts = added.reshape(len(faces), -1)
+    np.testing.assert_allclose(nodes[parts], on_faces[:, places.reshape(-1)], atol=1e-17)
+    assert np.abs(bends).max() > 1e-6
+    seen = [
+        doubled_areas(*each)[:, 2].sum()
+        for each in ((nodes, linear_facets(added)), (surface.positions, linear_facets(faces)))
+    ]
+    assert seen[0] == pytest.approx(seen[1], rel=1e-9)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sim.fields.contact_signature import surface_maps, traction_arrows
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import mesh_for
 from sim.effects.press_with_effects import path_for
+from sim.fields.contact_signature import surface_maps, traction_arrows
 from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere

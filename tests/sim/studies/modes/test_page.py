@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 from sim.fields.contact_signature import ContactSignature
-
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.runs import BALL, PUNCH, ModeCriterion, ModeRun
