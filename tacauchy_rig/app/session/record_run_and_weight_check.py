@@ -53,7 +53,7 @@ def check_cell(
         store.force_check.save(check)
         append_event(store.paths.journal, JournalEvent.now("force-check", **to_json(check)))
     if not check.passed:
-        raise ForceCheckError(f"the cell is wrong: {check.finding}", remedy=check.remedy)
+        raise ForceCheckError(f"the force sensor is wrong: {check.finding}", remedy=check.remedy)
     return check
 
 
@@ -66,7 +66,7 @@ def require_right_cell(store: RunStore) -> None:
     check = store.force_check.load()
     if check is not None and not check.passed:
         raise ForceCheckError(
-            f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
+            f"the force sensor was wrong at its last check, on {check.checked}: {check.finding}",
             remedy=f"{check.remedy}; then repeat it: --check-weight "
             f"{check.weight.mass_kg * 1e3:g}g",
         )
@@ -92,8 +92,8 @@ def require_bounded_force(store: RunStore, config: RigConfig) -> None:
         arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
         raise ForceCheckError(
             f"{note}; robot.model {config.robot.model.value} feels force to {arm.force_n:g} N and "
-            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a wrong cell could "
-            f"press with more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
+            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a wrong force "
+            f"sensor could cause more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
             remedy="add --check-weight 200g with a weight at hand; or "
             "limits.allow_unchecked_force = true, which the report will say",
         )
@@ -103,7 +103,7 @@ def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
     """Return why the force of what is pressed now is not checked; empty where it is."""
     check = store.force_check.load()
     if check is None:
-        return "force not checked: --check-weight 200g checks the cell with a known weight first"
+        return "force not checked: --check-weight 200g checks the force sensor with a known weight"
     if _is_current(check, now or datetime.now(UTC)):
         return ""
     return (

@@ -74,7 +74,7 @@ def test_a_wrong_cell_refuses_the_run_until_it_is_right(
         check_cell(store, store.config, WEIGHT, ask=lambda _: None)
     assert caught.value.exit_code == 2
     assert "a tenth" in caught.value.remedy
-    with pytest.raises(ForceCheckError, match="wrong when it was checked last") as caught:
+    with pytest.raises(ForceCheckError, match="sensor was wrong at its last check") as caught:
         require_right_cell(store)
     assert "--check-weight 200g" in caught.value.remedy
     weighs(monkeypatch, 1.0)
