@@ -1,14 +1,13 @@
 """Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
 
 An effect is left out where that is shown to change no output that is asked for by more than its
-tolerance, all that is left out taken together. What is off is not compiled, not launched and not
-allocated.
+tolerance, all that is left out taken together. It is shown by trying: the scene is pressed coarsely
+with the effect and without. What is off is not compiled, not launched and not allocated.
 
-Weight and inertia have scales that bound them, each within a range; outside it they are on, as
-relaxation is: leaving it or weight out saves 8 % of a press's time. Friction takes half of it, and
-is tried: the scene is pressed coarsely with and without. Trying costs time too; beside load steps
-on a mesh of their own it would be more than it can save. Where a press has several equilibria,
-nothing is left out: what is small chooses between them.
+Trying costs time too. An effect is tried only where leaving it out would save more than that; else
+it is on. Weight and inertia have scales that bound them, each within a range; outside it, weight is
+tried like the others, and inertia, which a press in time alone could tell, is on. Where a press has
+several equilibria, nothing is left out: what is small chooses between them.
 """
 
 from dataclasses import replace
@@ -32,8 +31,14 @@ PRESET_TOLERANCE = {
 # What another output may be off by, over F_z's: fields scatter more than their sums.
 _FIELDS_OVER_FORCE = 2.0
 _SUMS = {Output.FORCE, Output.DEPTH}
-# What may be left out, by scale or by trying; nothing else that is small saves time.
-_SMALL = (Effect.INERTIA, Effect.GRAVITY, Effect.FRICTION, Effect.VISCOELASTICITY)
+# Share of a press's time that leaving an effect out saves, and share that one more coarse press
+# costs; medians of drawn scenes (`tacauchy-rig effects-check --random`). Small strains save
+# nothing.
+_SAVES = {Effect.FRICTION: 0.5, Effect.GRAVITY: 0.08, Effect.VISCOELASTICITY: 0.08}
+_COSTS = {Preset.FAST: 0.15, Preset.BALANCED: 0.06, Preset.ACCURATE: 0.02, Preset.REFERENCE: 0.01}
+# The same share where load steps have a mesh of their own: 0.4 to 0.8 in 11 drawn presses with
+# friction, all of which needed it.
+_COST_BESIDE_A_WAY = 0.6
 # A fine press's difference is at most so many times that of its one coarse press (1.5 in F_z, 3.2
 # in a field in 60 drawn presses). With two it is the finer one's and what the two are apart.
 _ONE_COARSE, _ONE_COARSE_FIELDS = 2.0, 4.0
@@ -56,7 +61,7 @@ def plan_effects(scene: Scene) -> EffectPlan:
     """
     plan = replace(full_plan(scene), tolerances=output_tolerances(scene))
     if estimates.has_several_equilibria(scene):
-        for effect in _SMALL:
+        for effect in (Effect.INERTIA, *_SAVES):
             if _is_open(plan, effect):
                 plan = _with(plan, effect, reason=f"on untried: {_FOLDS}")
         return plan
@@ -67,7 +72,10 @@ def plan_effects(scene: Scene) -> EffectPlan:
     for effect, bound in bounds.items():
         if _is_open(plan, effect) and bound is not None:
             plan = _weighed(plan, effect, dict.fromkeys(Output, bound), "by its scale")
-    return _judged(scene, plan) if _is_open(plan, Effect.FRICTION) else plan
+    for effect, saved in _SAVES.items():
+        if _is_open(plan, effect):
+            plan = _judged(scene, plan, effect, saved)
+    return plan
 
 
 def output_tolerances(scene: Scene) -> dict[Output, float]:
@@ -91,38 +99,44 @@ def _is_open(plan: EffectPlan, effect: Effect) -> bool:
     return plan.rows[effect].on and not plan.rows[effect].asked
 
 
-def _judged(scene: Scene, plan: EffectPlan) -> EffectPlan:
-    """Return a plan after friction was tried, or was not."""
-    if why := _why_untried(scene, plan):
-        return _with(plan, Effect.FRICTION, reason=f"on untried: {why}")
+def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> EffectPlan:
+    """Return a plan after an effect was tried, or was not as the share it saves cannot pay."""
+    ratios = COARSE_RATIOS[scene.preset]
+    price = len(ratios) * _COSTS.get(scene.preset, 0.0)
+    if scene.path_refinement is not None:
+        price = _COST_BESIDE_A_WAY
+    why = _why_needed(scene, plan) if effect is Effect.FRICTION else ""
+    if not ratios:
+        why = why or "preset paper has one mesh"
+    elif saved < price:
+        why = why or f"trying costs {price:.0%} of a press's time and may save {saved:.0%}"
+    if why:
+        return _with(plan, effect, reason=f"on untried: {why}")
     try:
-        costs, spent = _tried(scene, plan)
+        costs, spent = _tried(scene, plan, effect)
     except TimeLimitError:
         raise
     except RigError as error:
-        why = f"on, as a coarse press failed: {error.message}"
-        return _with(plan, Effect.FRICTION, reason=why)
-    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in COARSE_RATIOS[scene.preset])
-    basis = f"tried on edges {edges} times as long"
-    return _weighed(replace(plan, tried_s=spent), Effect.FRICTION, costs, basis)
+        return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
+    plan = replace(plan, tried_s=plan.tried_s + spent)
+    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in ratios)
+    return _weighed(plan, effect, costs, f"tried on edges {edges} times as long")
 
 
-def _why_untried(scene: Scene, plan: EffectPlan) -> str:
-    """Say why a scene has its friction without a try, or nothing."""
+def _why_needed(scene: Scene, plan: EffectPlan) -> str:
+    """Say why a scene needs its friction without a try, or nothing."""
     if any(scene.motion.shift_m) or scene.motion.twist_rad:
         return "the indenter moves along the gel"
     for output in (Output.SHEAR, Output.MARKERS):
         allowed = plan.tolerances.get(output)
         if allowed is not None and scene.friction > _GRIPS * allowed:
             return f"{output.value} is asked for to {allowed:.1%}, and mu is {scene.friction:g}"
-    if scene.path_refinement is not None:
-        return "trying costs 60% of a press's time and may save 50%"
-    return "" if COARSE_RATIOS[scene.preset] else "preset paper has one mesh"
+    return ""
 
 
-def _tried(scene: Scene, plan: EffectPlan) -> tuple[dict[Output, float], float]:
-    """Return what leaving friction out costs each output, and the processor's time for it [s]."""
-    without = _with(plan, Effect.FRICTION, on=False)
+def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output, float], float]:
+    """Return what leaving an effect out costs each output, and the processor's time for it [s]."""
+    without = _with(plan, effect, on=False)
     found, spent = [], 0.0
     for ratio in COARSE_RATIOS[scene.preset]:
         pressed = [coarse_press(scene, each, ratio) for each in (without, plan)]
