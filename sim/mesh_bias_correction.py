@@ -10,9 +10,9 @@ under any body. Under a smooth one deeper presses err by more, with the contact'
     bias = share + slope u + gap d_hat / depth + squeeze depth / radius + grip mu depth / height
 
 A revolved mesh is distorted between the contact and a near side of the pad, which adds to the
-share. The constants were fitted to drawn scenes, for each refinement of the end state's mesh.
-Richardson extrapolation (1911) from the coarser load-step mesh did not improve scenes left out: the
-meshes are not nested, and the barrier's width is bounded.
+share, as layers do. The constants were fitted to drawn scenes, for each refinement of the end
+state's mesh. Richardson extrapolation (1911) from the coarser load-step mesh did not improve scenes
+left out: the meshes are not nested, and the barrier's width is bounded.
 """
 
 import math

@@ -32,8 +32,8 @@ _ARMIJO = wp.constant(wp.float64(1e-4))
 _HALF = wp.constant(wp.float64(0.5))
 _SHORTEST = wp.constant(wp.float64(0.1))
 _TRIES = wp.constant(40)
-# At a standstill, a step cut as often as this ends where the force jumps: a point in a corner of a
-# body has two nearest sides, and rests between them.
+# At a standstill, a step of so many tries, those cut by overlap among them, ends where the force
+# jumps: a point in a corner of a body has two nearest sides, and rests between them.
 _TRIES_AT_JUMP = wp.constant(8)
 # A motion that overlaps is cut to where the gap falls to the allowed, or by this if that is less.
 CUT = wp.constant(wp.float64(0.9))

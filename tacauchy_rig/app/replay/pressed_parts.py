@@ -88,8 +88,8 @@ def modulus_of(simulated: Sequence[tuple[Part, History]]) -> ModulusFit | None:
         say("  fewer than two trials have both force and depth: the stated modulus is used")
     else:
         say(
-            f"  modulus fitted to {fit.trial_count} trials: {fit.factor:.3f} times the sensor file's "
-            f"(scatter +-{fit.factor_deviation:.3f})"
+            f"  modulus fitted to {fit.trial_count} trials: {fit.factor:.3f} times "
+            f"the sensor file's (scatter +-{fit.factor_deviation:.3f})"
         )
     return fit
 
