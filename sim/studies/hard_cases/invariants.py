@@ -41,9 +41,7 @@ def degenerate_starts() -> Outcome:
         starts = (
             np.tile([0.0, 0.0, 0.5 * small_pads.HEIGHT_M], (len(rest), 1)),  # to a point
             np.zeros_like(rest),  # to one of the base
-            *(
-                rest * by for by in ([1.0, 1.0, 0.0], [0.0, 1.0, 1.0])
-            ),  # flat
+            *(rest * by for by in ([1.0, 1.0, 0.0], [0.0, 1.0, 1.0])),  # flat
             *(rest * by for by in ([1.0, 1.0, -1.0], [-1.0, 1.0, 1.0])),  # mirrored
         )
         for positions, reuse in product(starts, (NEWTON, Reuse())):
