@@ -108,6 +108,19 @@ def fit_model(
         pairs = zip(polynomial, pressed, strict=True)
         return [np.concatenate([values, each.samples.shading(terms)]) for values, each in pairs]
 
+    def fitted(
+        stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
+    ) -> PhotometricModel:
+        return fitting.fit_photometric(
+            [each.through(response, stand_in) for each in pressed],
+            exponents=scene.exponents,
+            features=features(terms),
+            ridge=ridge,
+            terms=terms,
+            response=response,
+            reference=fitting.REFERENCE,
+        )
+
     response, terms, ridge = LINEAR, None, fitting.RIDGE if known is None else None
     if known is not None:
         terms, response = known.terms, known.response
@@ -119,20 +132,17 @@ def fit_model(
                 features(terms),
                 brightest=max(each.brightest for each in pressed),
             )
-    seen = [each.through(response) for each in pressed]
+        if response != known.response:
+            # Its light is not comparable with that of another response: begin anew.
+            known = fitted(None, terms, fitting.RIDGE)
     if scene.lamp_count:
         terms = fitting.fit_terms(
-            fitting.joined(seen), lamp_count=scene.lamp_count, aspect=scene.aspect, start=terms
+            fitting.joined([each.through(response, known) for each in pressed]),
+            lamp_count=scene.lamp_count,
+            aspect=scene.aspect,
+            start=terms,
         )
-    return fitting.fit_photometric(
-        seen,
-        exponents=scene.exponents,
-        features=features(terms),
-        ridge=ridge,
-        terms=terms,
-        response=response,
-        reference=fitting.REFERENCE,
-    )
+    return fitted(known, terms, ridge)
 
 
 def averaged_no_contact(
@@ -172,7 +182,7 @@ class PressSamples:
     def __init__(self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0) -> None:
         circle, image = placed.circle, placed.press.image
         rows, columns = scene.pixels_around(placed.press)
-        self.rows, self.columns = rows, columns
+        self._scene, self._circle, self.rows, self.columns = scene, circle, rows, columns
         self.unloaded = scene.background[rows, columns]
         self._levels = image[rows, columns]
         self.brightest = float(np.quantile(self._levels, fitting.BRIGHT_QUANTILE))
@@ -198,13 +208,24 @@ class PressSamples:
             weights=unknown,
         )
 
-    def through(self, response: Response) -> fitting.PhotometricSamples:
+    def through(
+        self, response: Response, model: PhotometricModel | None = None
+    ) -> fitting.PhotometricSamples:
         """Return the samples with the light that the camera saw.
 
-        Colours that are too bright or too dark for the camera do not count.
+        A model stands in for pixels that are too bright or too dark for the camera; without one
+        they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
-        weights = gain * light_weights(self._levels, response) * seen.exposed
-        light, weight = (each.T.astype(np.float32) for each in (seen.change / gain, weights))
+        change, weights = seen.change, gain * light_weights(self._levels, response)
+        if model is None:
+            weights *= seen.exposed
+        else:
+            lost = np.flatnonzero(~seen.exposed.all(axis=1))
+            pixels = PredictedPixels(self._scene, model, self.columns[lost], self.rows[lost])
+            predicted = change.copy()
+            predicted[lost] = gain[lost] * pixels.light_change(self._circle)
+            change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it
+        light, weight = (each.T.astype(np.float32) for each in (change / gain, weights))
         return replace(self.samples, change=light, weights=weight)

@@ -159,7 +159,7 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
     seen, features = [], []
     for each in found.placed(presses):
         pressed = PressSamples(scene, each, blur_px=found.blur_px)
-        seen.append(pressed.through(model.response))
+        seen.append(pressed.through(model.response, model))
         gel = scene.pressed_image(each.circle).astype(np.float32)[None]
         dent, at = (gel[:, 2], gel[:, :2]), (pressed.rows, pressed.columns)
         shares = (lost_share(*dent, lamp, shadows, scene.geometry)[0] for lamp in shadows.lamps)
@@ -224,7 +224,7 @@ class _LostLight:
         self._blur_px = found.blur_px / _COARSE
         pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
         self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
-        seen = joined([each.through(model.response) for each in pressed])
+        seen = joined([each.through(model.response, model) for each in pressed])
         features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
         self._weights, self._features = seen.weights, features
         hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
