@@ -273,7 +273,7 @@ _HIGHEST = (0.9, 6.0, 0.5)
 _INSIDE = 1e-6  # of these bounds, where a search starts
 _EVALUATIONS, _SETTLED = 30, 1e-3  # the latter is of the misfit
 # Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
-_GENTLE = polynomial_exponents((2, 1, 0, 0))
+_GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
 _RIDGE = 1e-6
 
 

@@ -42,7 +42,7 @@ def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
     With tilt t the cosine is cos(elevation) t.d + sin(elevation) sqrt(1 - |t|^2); the root is
     expanded to fourth order. Lamps on every side keep the gel lit, so shadows are left out.
     """
-    exponents = polynomial_exponents((4, 0, 0, 0))
+    exponents = polynomial_exponents(tilt_degree=4, position_degree=0)
     row = {(int(a), int(b)): i for i, (a, b, _, _, _) in enumerate(exponents)}
     coefficients = np.zeros((len(exponents), 3))
     for lamp in lamps:
@@ -105,7 +105,9 @@ def _read(_table: Mapping[str, Any], lamps: tuple[Lamp, ...], _origin: str) -> C
 PHOTOMETRIC = Renderer(read=_read, optional=("shadow_softness", "source"), exponents=BALL_EXPONENTS)
 
 
-GREY_EXPONENTS = polynomial_exponents((0, 0, 4, 0))
+GREY_EXPONENTS = polynomial_exponents(
+    tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,29 +44,51 @@ _NO_LIMIT_M = 1e3  # deeper than any gel
 _DIGITS = 16 ** np.arange(5)  # of a number for each term: no exponent reaches 16
 
 
-def polynomial_exponents(*degrees: tuple[int, int, int, int]) -> IntArray:
-    """List the exponents of the terms p^a q^b u^c v^d w^e of a model, each once, [term_count, 5].
+def polynomial_exponents(
+    *,
+    tilt_degree: int,
+    position_degree: int,
+    indentation_degree: int = 0,
+    indentation_tilt_degree: int = 0,
+) -> IntArray:
+    """List the exponents of the terms p^a q^b u^c v^d w^e of a model, shape [term_count, 5].
 
-    By degrees of tilt, of place, of indentation, and of tilt beside indentation: terms without
-    indentation have 1 <= a + b <= the first, those with 1 <= e <= the third have a + b <= the last;
-    all have c + d <= the second.
+    Terms without indentation have 1 <= a + b <= tilt_degree; terms with 1 <= e <=
+    indentation_degree have a + b <= indentation_tilt_degree; all have c + d <= position_degree.
     """
-    terms = {
-        (a, total - a, c, position - c, e)
-        for tilt, place, deep, tilt_beside in degrees
-        for e in range(deep + 1)
-        for total in range(0 if e else 1, (tilt_beside if e else tilt) + 1)
-        for a in range(total + 1)
-        for position in range(place + 1)
-        for c in range(position + 1)
-    }
-    return np.array(sorted(terms), dtype=np.int32)
+    tilts = [
+        (a, total - a, e)
+        for e in range(indentation_degree + 1)
+        for total in range(0 if e else 1, (indentation_tilt_degree if e else tilt_degree) + 1)
+        for a in range(total, -1, -1)
+    ]
+    terms = [
+        (a, b, c, place - c, e)
+        for place in range(position_degree + 1)
+        for c in range(place, -1, -1)
+        for a, b, e in tilts
+    ]
+    return np.array(terms, dtype=np.int32).reshape(-1, 5)
+
+
+def _bent(*degrees: tuple[int, int, int, int]) -> IntArray:
+    """List terms once, by degrees of tilt, place, indentation, and of tilt beside indentation."""
+    parts = [
+        polynomial_exponents(
+            tilt_degree=tilt,
+            position_degree=place,
+            indentation_degree=deep,
+            indentation_tilt_degree=deep_tilt,
+        )
+        for tilt, place, deep, deep_tilt in degrees
+    ]
+    return np.unique(np.concatenate(parts), axis=0)
 
 
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
-BALL_EXPONENTS = polynomial_exponents((4, 1, 2, 2), (3, 2, 1, 1), (1, 4, 1, 0))
+BALL_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (1, 4, 1, 0))
 # Where lamps graze the gel, those of steep slopes do too.
-GRAZED_EXPONENTS = polynomial_exponents((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
+GRAZED_EXPONENTS = _bent((4, 1, 2, 2), (3, 2, 1, 1), (2, 4, 1, 2))
 
 
 def monomials(

@@ -9,7 +9,9 @@ from tests.sim.optics.analytic_surface import ExponentialSkirt, camera
 
 HEIGHT, WIDTH = 150, 180
 PROFILE = ExponentialSkirt(ball_radius_m=2.35e-3, decay_m=0.6e-3)
-EXPONENTS = polynomial_exponents((3, 1, 1, 1))
+EXPONENTS = polynomial_exponents(
+    tilt_degree=3, position_degree=1, indentation_degree=1, indentation_tilt_degree=1
+)
 
 
 def true_model() -> PhotometricModel:

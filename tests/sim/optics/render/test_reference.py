@@ -42,7 +42,7 @@ _SHADOWS = ShadowCaster(
     softness_m=8e-5,
     spread=0.1,
 )
-_LOW = polynomial_exponents((2, 4, 2, 0))
+_LOW = polynomial_exponents(tilt_degree=2, position_degree=4, indentation_degree=2)
 
 
 def _model(exponents: np.ndarray, terms: ShadingTerms | None) -> PhotometricModel:

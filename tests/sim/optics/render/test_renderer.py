@@ -41,7 +41,12 @@ def _dent() -> np.ndarray:
 def test_unloaded_gel_gives_the_no_contact_frame(seed: int, degree: int, place: int) -> None:
     """For every model and every rest shape the unloaded image is the background, bit for bit."""
     rng = np.random.default_rng(seed)
-    exponents = polynomial_exponents((degree, place, 1, degree - 1))
+    exponents = polynomial_exponents(
+        tilt_degree=degree,
+        position_degree=place,
+        indentation_degree=1,
+        indentation_tilt_degree=degree - 1,
+    )
     model = PhotometricModel(
         exponents=exponents, coefficients=rng.normal(0, 40, (len(exponents), 3))
     )
@@ -85,9 +90,9 @@ def test_three_lamps_light_their_own_flanks() -> None:
 
 def test_steeper_than_fitted_is_rendered_as_the_limit() -> None:
     """Beyond the tilt limit the colour keeps its direction and stops growing."""
-    exponents = polynomial_exponents((1, 0, 0, 0))
+    exponents = polynomial_exponents(tilt_degree=1, position_degree=0)
     model = PhotometricModel(
-        exponents=exponents, coefficients=np.array([[0, 20.0, 0], [10.0, 0, 0]]), tilt_limit=0.5
+        exponents=exponents, coefficients=np.array([[10.0, 0, 0], [0, 20.0, 0]]), tilt_limit=0.5
     )
     tilt = np.array([[0.6, 0.3], [0.8, 0.0]], dtype=np.float32)
     change = model.evaluate(tilt, np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
