@@ -60,10 +60,8 @@ def test_what_a_bias_depends_on() -> None:
     aside = replace(SCENE, centre_m=(8.5e-3, 0.0))
     deep = replace(SCENE, target=Target(depth_m=0.8e-3))
     rules = rules_of(SCENE)
-    assert rules_of(stuck) == rules_of(deep) == rules
-    assert list(rules) == sorted(rules)
-    others = (rules[1.0].bias(SCENE), rules[1.4].bias(deep), rules[1.4].bias(stuck))
-    assert rules[1.4].bias(SCENE) < min(others)
+    assert rules_of(stuck) == rules_of(deep) == dict(sorted(rules.items()))
+    assert rules[1.4].bias(SCENE) < min(rules[1.4].bias(deep), rules[1.4].bias(stuck))
     for rule in rules.values():
         assert rule.bias(soft) < rule.bias(SCENE) <= rule.bias(stuck)
         assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
@@ -77,8 +75,7 @@ def test_a_punch_that_holds_ends_on_shorter_edges() -> None:
         {setting.refinement: setting.path_refinement for setting in corrected_settings(scene)}
         for scene in (punch, held, SCENE)
     )
-    assert slides == {1.0: WAY, 1.6: WAY}
-    assert ball == {1.0: WAY, 1.4: WAY}
+    assert (slides, ball) == ({1.0: WAY, 1.6: WAY}, {1.0: WAY, 1.4: WAY})
     assert holds == {1.0: 0.75, 2.2: 1.0}
 
 

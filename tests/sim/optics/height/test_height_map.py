@@ -298,8 +298,7 @@ def test_no_pixel_of_a_wall_lies_below_its_foot() -> None:
     """Slopes at nodes that all but stand over one another led 0.7 mm below: spikes with shadows."""
     surface = _punched()
     nodes = surface.positions_rest.copy()
-    radius = np.hypot(*nodes[:, :2].T)
-    off = radius - _RADIUS_M
+    off = (radius := np.hypot(*nodes[:, :2].T)) - _RADIUS_M
     nodes[:, 2] -= 3e-4 / (1.0 + np.exp(off / 2e-5))
     closer = 0.95 * off * np.exp(-((off / 4e-5) ** 2)) / np.maximum(radius, 1e-9)
     nodes[:, :2] *= 1.0 - closer[:, None]
