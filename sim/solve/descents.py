@@ -21,7 +21,7 @@ from sim.solve.descent_kernels import descent_kernels
 from sim.solve.descent_state import Act, Mode, Status
 from sim.solve.lbfgs_kernels import Memory
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE
+from sim.solve.refused_overlap import OVERLAP_SHARE
 from sim.solve.weight_and_inertia import Potential, pull_of
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -37,7 +37,7 @@ from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE, faces_gel, refuse_deep_overlap
+from sim.solve.refused_overlap import OVERLAP_SHARE, faces_gel, refuse_deep_overlap
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError

@@ -17,8 +17,8 @@ from sim.material.relaxation import Relaxation
 from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE, overlap_fraction
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
+from sim.solve.refused_overlap import OVERLAP_SHARE, overlap_fraction
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

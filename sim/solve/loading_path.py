@@ -22,8 +22,8 @@ from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.load_steps import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE, base_depth_m
 from sim.solve.path_point import PathCounts, PathPoint
+from sim.solve.refused_overlap import OVERLAP_SHARE, base_depth_m
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

@@ -22,7 +22,7 @@ from sim.solve.force_search import find_force
 from sim.solve.load_steps import CarryPhase, ForcePhase, Phase
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import base_depth_m, faces_gel
+from sim.solve.refused_overlap import base_depth_m, faces_gel
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
 from tests.sim.test_press import small_model
 

@@ -9,7 +9,7 @@ from sim.scene.indenter import Sphere
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.loading_path import touch_height
 from sim.solve.model import Model
-from sim.solve.overlap_and_inversion import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
+from sim.solve.refused_overlap import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
 from sim.studies.hard_cases.small_pads import brick_mesh, pad_model, quarter_brick_mesh
 from tacauchy_rig.core.errors import ConvergenceError
 
