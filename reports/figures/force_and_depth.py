@@ -12,6 +12,7 @@ from reports.comparison.result_types import TrialResult, ValidationReport
 from reports.evidence.evidence_types import Curve, RunEvidence, TrialEvidence
 from reports.figures.trial_axis import force_title, shown
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.plot_style import (
     BLUE,
     COLUMN_IN,
@@ -122,7 +123,7 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
         factor = None if model is None else model.modulus_factor
         named = f"{model.indenter}: " if model is not None and len(by_kind) > 1 else ""
         axes.plot(
-            curve.depth_m * 1e3,
+            _from_contact(curve, evidence.contact_force_n),
             curve.force_n,
             color=colour,
             marker="." if len(curve.depth_m) < FEW_POINTS else None,
@@ -131,7 +132,13 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
         )
         if factor is not None:
             label = f"{factor:.3f} times that" if kind == min(by_kind) else None
-            axes.plot(curve.depth_m * 1e3, factor * curve.force_n, "--", color=colour, label=label)
+            depth_mm = _from_contact(curve, evidence.contact_force_n / factor)
+            axes.plot(depth_mm, factor * curve.force_n, "--", color=colour, label=label)
+
+
+def _from_contact(curve: ForceDepthCurve, force_n: float) -> FloatArray:
+    """Return a simulated curve's depths [mm], counted from a force as recorded ones are."""
+    return (curve.depth_m - (curve.depth_at(force_n) or 0.0)) * 1e3
 
 
 def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:
