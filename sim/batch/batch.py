@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.batch import motion_step_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.motion_steps import BatchOptions, Frames
-from sim.batch.sensor_model import ForceBias, bias_of, edge_of, sharp, stiffness_of
+from sim.batch.sensor_model import ForceBias, bias_of, edge_of, light_moduli, sharp, stiffness_of
 from sim.contact.barrier_and_friction_kernels import TouchedSurface
 from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
@@ -139,11 +139,10 @@ class Batch:
             model, count=self.count, young_share=model.young_pa / young_pa
         )
         own_bias = bias_of(model, self.inverse).of(edged.astype(int))
-        own_bias.light[:, 0] *= young_pa / model.young_pa
         if bias is not None:
             left = bias.of(which)
-            own_bias = left._replace(known=left.known + own_bias.known, light=own_bias.light)
-        self._bias = own_bias
+            own_bias = left._replace(known=left.known + own_bias.known)
+        self._bias, self._light_pa = own_bias, light_moduli(model, young_pa)
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
@@ -176,7 +175,7 @@ class Batch:
         # Contact begins so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
-        shapes = {"tips": (self.count, 2), "touched": (self.count, 16), "last": nodes}
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 12), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)
@@ -297,6 +296,7 @@ class Batch:
                 frame_count,
                 longest_m=self._step_m,
                 bias=self._bias,
+                light_pa=self._light_pa,
                 options=self.options,
             )
         frames = self._frames[frame_count]

@@ -58,7 +58,7 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         rows.append(kept((deepest, edge_of(model)), 6, partial(_measured, model, deepest, most_m)))
     table = np.array(rows)
     constant, left = table[:, :1] * [1.0, 0.0, 0.0], table[:, 1:2] * [1.0, 0.0]
-    return ForceBias(constant, table[:, 2:], left, np.zeros((len(table), 4)))
+    return ForceBias(constant, table[:, 2:], left)
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:

@@ -17,12 +17,10 @@ _NOTHING = wp.constant(wp.float64(1e-300))
 # How often a load is corrected at most, the change of a bias that is none, and the largest bias.
 _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
-# Of a light contact (``sensor_model``): radius over ``reach`` and mean depth over radius where it
-# ends, how a base at hand stiffens it, and how much rounding may take off.
-_LIGHT, _STEEP = wp.constant(wp.float64(0.46)), wp.constant(wp.float64(0.6))
-_NEAR_BASE, _MOST_OFF = wp.constant(wp.float64(2.73)), wp.constant(wp.float64(1.0))
-# Of the pad's height: mean overlap from which errors of F_z grow, and by how much for all of it.
-_DEEP_FROM, _DEEP = wp.constant(wp.float64(0.25)), wp.constant(wp.float64(1.0))
+# What the known bias of a light contact may leave (``overlap_kernels``), relative to F_z.
+_LIGHT_LEFT = wp.constant(wp.float64(0.035))
+# Where nothing reaches [m].
+_NOWHERE = wp.constant(wp.float64(-1e9))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -62,7 +60,8 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 16]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 12]
+    light: wp.array(dtype=wp.vec3d)  # what ``overlap_kernels.overlap`` tells
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
@@ -255,8 +254,8 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(16):
-                history.touched[b, k] = wp.float64(0.0)
+            for k in range(12):
+                history.touched[b, k] = wp.where(k < 8, wp.float64(0.0), _NOWHERE)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
@@ -266,39 +265,12 @@ def arrive(
             history.moves[b] = 0
 
 
-@wp.func
-def light_contact(touched: wp.array2d(dtype=wp.float64), b: wp.int32, light: wp.vec4d):
-    """Return a contact's force [N] by what it overlaps of the resting gel, and how light it is.
-
-    The third is by what share of the pad's height it overlaps more than errors are known for.
-    """
-    force, share, deep, zero = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
-    volume = touched[b, 8]
-    if volume > zero and light[0] > zero:
-        depth, height = touched[b, 9] / volume, touched[b, 12] / volume
-        deep = wp.max(depth / height - _DEEP_FROM, zero)
-        x, y = touched[b, 10] / volume, touched[b, 11] / volume
-        xx, yy = touched[b, 13] / volume - x * x, touched[b, 14] / volume - y * y
-        xy = touched[b, 15] / volume - x * y
-        both = wp.sqrt(wp.max(xx * yy - xy * xy, zero))
-        radius = wp.float64(0.25) * wp.sqrt(xx + yy + both + both) + wp.float64(0.5) * wp.sqrt(both)
-        if radius > zero:
-            steep = depth / radius
-            off = wp.min(light[2] / (radius * radius), _MOST_OFF)
-            more = _NEAR_BASE * radius / height + light[1] * steep + off
-            force = light[0] * depth * radius * wp.exp(more)
-            four = wp.float64(4.0)
-            share = wp.exp(-wp.pow(radius / _LIGHT, four) - wp.pow(steep / _STEEP, four))
-    return force, share, deep
-
-
 @wp.kernel(enable_backward=False)
 def note(
     # Model:
     known: wp.array(dtype=wp.vec3d),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
-    light: wp.array(dtype=wp.vec4d),
     # Data in:
     d: Descent,
     poses: Poses,
@@ -325,9 +297,9 @@ def note(
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
         own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS)
-        by_rest, share, deep = light_contact(history.touched, b, light[b])
-        if share > _NOTHING and force > wp.float64(0.0):
-            own += share * (wp.log(force / by_rest) - own)
+        light = history.light[b]
+        if light[1] > _NOTHING and force > wp.float64(0.0):
+            own += light[1] * (wp.log(force / light[0]) - own)
         own += (by[0] + by[1] * x) * x
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
@@ -345,7 +317,7 @@ def note(
                 for k in range(6):
                     found.wrench[f, b, k] = history.touched[b, k] * wp.exp(-own)
                 narrow = left[b][1] * terms[1]
-                beside = share * (light[b][3] - narrow) + _DEEP * deep
+                beside = light[1] * (_LIGHT_LEFT - narrow) + light[2]
                 found.error[f, b] = left[b][0] + narrow + beside
                 tip = poses.tips[b]
                 found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)

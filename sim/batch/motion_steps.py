@@ -1,14 +1,23 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sim.batch import motion_step_kernels as kernels
-from sim.batch.sensor_model import ForceBias, face_shares, pressure_form, quarter_values, reach_of
+from sim.batch.overlap_kernels import overlap
+from sim.batch.sensor_model import (
+    ForceBias,
+    face_shares,
+    pressure_form,
+    quarter_values,
+    reach_of,
+    resting_gel,
+)
 from sim.contact.barrier_and_friction_kernels import Pressed
+from sim.contact.indenter_distance import body_of
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
@@ -48,6 +57,7 @@ class Frames:
         longest_m: Way of an environment's indenter in one part of a frame, of its tip or of a point
             at 0.75 of the pad's height from it, shape [count].
         bias: Of the mesh, by which loads are corrected.
+        light_pa: ``light_moduli`` of the environments, shape [count].
 
     Attributes:
         motions: Where they go, a ``motion_step_kernels.Motions``.
@@ -64,6 +74,7 @@ class Frames:
         *,
         longest_m: FloatArray,
         bias: ForceBias,
+        light_pa: FloatArray,
         options: BatchOptions,
     ) -> None:
         self._descents, self._history, self._rest = descents, history, rest
@@ -75,12 +86,12 @@ class Frames:
         self.motions.enough.assign(np.array([enough, max(enough, _INTERMEDIATE)]))
         self.motions.standoff = descents.model.contact_options.distance_m
         self.found = device.zeroed(kernels.Found, shape, touched=(*shape, 7), wrench=(*shape, 6))
-        self._new = device.zeros(1, wp.int32)
+        self._new, self._threads = device.zeros(1, wp.int32), 256 if device.is_gpu else 1
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        kinds = (wp.vec3d, wp.vec4d, wp.vec2d, wp.vec4d)
+        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
         biased = [device.array(*each) for each in zip(bias, kinds, strict=True)]
-        self._begin, self._end = self._recorded(biased, options)
+        self._begin, self._end = self._recorded(biased, light_pa, options)
 
     def go(self) -> None:
         """Take who moves to the goals, in more and more parts where descents do not arrive."""
@@ -138,7 +149,7 @@ class Frames:
         put_back = record(kernels.put_back, tuple(positions.shape), put)
         points, gaps = tuple(buffers[1].shape), buffers[2].reshape((descents.count, -1))
         touch = record(made.touch, points, [descents.pressed, new, *buffers])
-        threads, down = 256 if self._device.is_gpu else 1, [new, gaps, self.motions, poses]
+        threads, down = self._threads, [new, gaps, self.motions, poses]
         lower = record(kernels.lower, (descents.count, threads), down, threads)
         grips = (descents.grip, descents.grip_start) if model.contact_options.is_tangential else ()
         let_go = [record(kernels.let_go, points, [new, grip]) for grip in grips]
@@ -146,7 +157,9 @@ class Frames:
         drag = [record(made.drag, points, [each, new]) for each in held]
         return set_out, [*let_go, put_back, *[touch, lower] * _LOWERINGS, put_back, *drag]
 
-    def _recorded(self, biased: list[Any], chosen: BatchOptions) -> tuple[list[Any], list[Any]]:
+    def _recorded(
+        self, biased: list[Any], light_pa: FloatArray, chosen: BatchOptions
+    ) -> tuple[list[Any], list[Any]]:
         """Record what begins a part, and what ends one."""
         descents, history, record = self._descents, self._history, self._device.record
         model, state, poses = descents.model, descents.state, descents.poses
@@ -163,10 +176,18 @@ class Frames:
         formed = [self._device.array(each, wp.float64) for each in tables]
         formed += [self._rest, wp.float64(reach_of(model))]
         at = [descents.pressed, history.arrives]
+        # With their own edges, which they have where nothing else rounds them.
+        own_edges: Any = descents.indenter
+        own_edges = replace(own_edges, rounding_m=0.0)
+        self._edged = body_of(own_edges, device=self._device.name)
+        moduli = self._device.array(light_pa, wp.float64)
+        held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
+        overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [chosen.accepts_residual, chosen.halvings_max, *now]),
             record(made.wrench, points, [*at, *formed, history.touched]),
+            record(overlap, (*own, self._threads), overlapped, self._threads),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

@@ -18,16 +18,7 @@ Contact gives less under sharp bodies, and form and narrow are half as large. Th
 fitted to 546 presses of balls, punches and prisms on two sensors, a third with friction, at edges
 of 0.9 to 2.5 mm, against presses on fine meshes of their own, and that of layers to 40 on 9DTact.
 
-A light contact touches so few points that its force on the mesh depends on where they lie. The
-body's overlap with the resting gel, of depth g, tells it better: with pressure like g (Ritz's
-method on a half-space, stiffened by the pad's base),
-
-    F_light = light E / (1 - nu^2) mean(g) r exp(2.73 r / z + steep mean(g) / r + rim (h / r)^2)
-
-with means weighted by g, and r from the standard deviations along the overlap's axes: r = (sqrt r_1
-+ sqrt r_2)^2 / 4. Here h includes where contact begins. By a share of exp(-(r / 0.46 h)^4 -
-(mean(g) / 0.6 r)^4) the logarithm of F is that of F_light. Rounding takes some of the overlap off
-sharp bodies: hence ``rim``. These numbers were fitted at edges of 1 and 1.25 mm.
+How light contacts' forces are told instead, ``overlap_kernels`` says.
 """
 
 from __future__ import annotations
@@ -39,7 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.batch.contact_inverse import ContactInverse
+from sim.batch.overlap_kernels import Resting
 from sim.contact.surface_and_grip import ContactOptions
+from sim.device import filled
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
 from sim.mesh.brick_refinement import sensor_mesh
@@ -67,9 +60,8 @@ _SHARP = 0.5
 # Of a half-space's compliance [(1 - nu^2) / (E h)] that a base h / H edges below takes off, over
 # h / H, at nu 0.48 (Dimitriadis et al. 2002), and c of layered gels, whose is not that of a mesh.
 _BASE, _USUAL = 0.55, 1.9
-# Of light contacts, under a rounded body and under a sharp one: ``light``, ``steep``, ``rim``, and
-# what may remain beside that of all.
-_LIGHT = ((3.135, 0.156, 0.0, 0.0), (3.455, 0.35, 0.0041, 0.05))
+# Of half a pad: what lies farther out is on its sides.
+_INSIDE = 0.999
 # What may remain of it: of all, and by edges, layers and narrow contacts.
 _LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.08, 0.14, 0.028
 
@@ -80,14 +72,11 @@ class ForceBias(NamedTuple):
     ``known`` has factors of 1, A^(-3/4) and S A / F_z^2 with the sum S that ``ContactKernels``
     makes, shape [count, 3]; ``left`` of the first two, shape [count, 2]. The bias has also linear x
     + quadratic x^2 with x = log(F_z / N), held between two ends: ``by_force``, shape [count, 4].
-    ``light`` tells light contacts' force [N], with lengths over ``reach_of``, by a factor (zero: it
-    is not known), ``steep`` and ``rim``, and what may remain of it, shape [count, 4].
     """
 
     known: FloatArray
     by_force: FloatArray
     left: FloatArray
-    light: FloatArray
 
     def of(self, which: Sequence[int] | NDArray[np.integer[Any]]) -> ForceBias:
         """Return the bias of bodies by their places, shape [count, ...]."""
@@ -200,17 +189,36 @@ def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     """Return the bias under a rounded body and under a sharp one; none where it is not known."""
     if not model.contact_options.overlap:
         none = np.zeros((2, 4))
-        return ForceBias(none[:, :3], none, np.full((2, 2), np.nan), none)
+        return ForceBias(none[:, :3], none, np.full((2, 2), np.nan))
     edge_m, (young_pa, poisson) = edge_of(model), model.materials
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
     layered = (1.0 - young_pa.min() / young_pa.max()) * wide
-    soft, light = _USUAL, np.array(_LIGHT)
-    light[:, 0] *= 0.0 if layered else young_pa.max() / (1.0 - poisson.max() ** 2)
-    light[:, 0] *= reach_of(model) ** 2
+    soft = _USUAL
     if not layered:
         unit = (1.0 - poisson.max() ** 2) / (young_pa.max() * edge_m)
         soft = inverse.middle_compliance() / unit + _BASE * wide
     always, each = _WIDE * np.sqrt(wide) + _LAYERS * layered, [_NARROW * narrow / soft**3, _FORM]
     known = [[always, *(share * np.array(each))] for share in (1.0, _SHARP)]
     left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
-    return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]), light)
+    return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))
+
+
+def light_moduli(model: Model, young_pa: FloatArray) -> FloatArray:
+    """Return E / (1 - nu^2) [Pa] for E of what is touched; zero where light contacts' F is unknown.
+
+    So it is in layered gels, and in models that ``sensor_model`` did not make.
+    """
+    young, poisson = model.materials
+    is_known = model.contact_options.overlap and young.min() == young.max()
+    return np.asarray(young_pa / (1.0 - poisson.max() ** 2) * bool(is_known))
+
+
+def resting_gel(model: Model) -> Any:
+    """Return the resting gel of a sensor's model as ``overlap_kernels.Resting``."""
+    touched = model.nodes[np.unique(model.faces)]
+    half_m = np.abs(touched[:, :2]).max(axis=0)
+    on_top = (np.abs(touched[:, :2]) < _INSIDE * half_m).all(axis=1)  # the others are on the sides
+    x, y, z = touched[on_top].T
+    fitted = np.linalg.lstsq(np.column_stack([np.ones(len(x)), -x * x, -y * y]), z, rcond=None)[0]
+    names = ("height", "bend_x", "bend_y", "half_x", "half_y")
+    return filled(Resting, **dict(zip(names, [*fitted.tolist(), *half_m.tolist()], strict=True)))

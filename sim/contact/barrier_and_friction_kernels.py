@@ -237,7 +237,6 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
-_Moments = wp.types.vector(length=8, dtype=wp.float64)
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -257,8 +256,7 @@ class ContactKernels:
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
     # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2].
-    # Then what the indenter overlaps of the resting gel, integrals of g, g^2, g x, g y, g z, g x^2,
-    # g y^2 and g x y [m^2] with depth g, x and y from the tip and height z, all over ``reach``
+    # Then how far points that may touch rest from the tip, along x, -x, y and -y [m]
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -447,27 +445,22 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             here, x = met(at, b, f, q)
             distance, _n = nearby_gap(here, x, reach)
             if distance < reach:
-                tip = wp.vec3d(at.poses.tips[b][0], at.poses.tips[b][1], wp.float64(0.0))
-                touched, moments = wp.float64(0.0), _Moments()
+                touched, before = wp.float64(0.0), -at.poses.tips[b]
+                for k in range(others.shape[2]):
+                    before += rest[at.surface.faces[f, k]] * at.surface.values[q, k]
+                for k in range(2):
+                    wp.atomic_max(wrench_out, b, 8 + 2 * k, before[k])
+                    wp.atomic_max(wrench_out, b, 9 + 2 * k, -before[k])
                 for r in range(others.shape[1]):
-                    there, before = wp.vec3d(), wp.vec3d()
+                    there = wp.vec3d()
                     for k in range(others.shape[2]):
                         there += at.positions[b, at.surface.faces[f, k]] * others[q, r, k]
-                        before += rest[at.surface.faces[f, k]] * others[q, r, k]
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
                     touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
-                    gap, _n = nearby_gap(here, before, at.surface.distance)
-                    g = wp.max(at.surface.distance - gap, wp.float64(0.0)) / reach
-                    c = (before - tip) / reach
-                    moments += g * _Moments(
-                        wp.float64(1.0), g, c[0], c[1], c[2], c[0] * c[0], c[1] * c[1], c[0] * c[1]
-                    )
                 share = at.surface.areas[f, q] / wp.float64(others.shape[1])
                 shift = at.surface.shift / at.surface.young[b]
                 wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
-                for k in range(8):
-                    wp.atomic_add(wrench_out, b, 8 + k, repeatable(share * moments[k], shift))
             _x, _gap, _density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
             v = normal + along
             formed = wp.dot(along, along)

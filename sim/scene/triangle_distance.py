@@ -249,6 +249,20 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     return wp.where(distance < _MET_M, at[2], BESIDE)
 
 
+@wp.func
+def hit_below(surface: DeviceSurface, p: wp.vec3d, down: wp.vec3d) -> wp.float64:
+    """Return how far down a unit direction a point within triangles leaves them; zero outside [m].
+
+    In single precision, of the surface's size.
+    """
+    start = wp.vec3f((p - surface.centre) * surface.per_size)
+    hit = wp.mesh_query_ray(surface.tree, start, wp.vec3f(down), wp.float32(1.0e6))
+    found = wp.float64(0.0)
+    if hit.result and wp.dot(surface.face_normals[hit.face], down) > found:
+        found = wp.float64(hit.t) / surface.per_size
+    return found
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def _lowest_heights(
     surface: DeviceSurface,
