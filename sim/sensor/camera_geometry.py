@@ -26,11 +26,9 @@ class CameraGeometry:
     scale_y_m: float  # pad length seen by one row [m/px]
     centre_x_px: float  # column that sees the pad's centre
     centre_y_px: float  # row that sees the pad's centre
-    # Angle from the pad's x axis to the direction of growing columns [rad]
-    rotation_rad: float = 0.0
+    rotation_rad: float = 0.0  # from the pad's x axis to the direction of growing columns [rad]
     mirrored: bool = False  # true where rows grow with -y
-    # Part of the raw frame's width cut off at left and right each, and of its height at top and
-    # bottom each, before it is resized
+    # Part of the raw frame's width or height that is cut off at each border before it is resized
     crop_fraction: float = 0.0
     # Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen farther from
     # the image's middle. Infinite is a view by parallel rays.

@@ -20,12 +20,7 @@ from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profile
 from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.nominal_optics import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.markers.marker_tracking import (
-    PrintedMarkers,
-    find_markers,
-    follow_markers,
-    hidden_by,
-)
+from sim.optics.markers import marker_tracking
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
@@ -43,7 +38,7 @@ from tacauchy_rig.core.errors import ConfigError
 _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
-_TELLING = 251  # of a compressed range the last levels tell less than their noise
+TELLING = 251  # of a compressed range the last levels tell less than their noise
 BEYOND_RIM = 1.15
 STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
@@ -108,16 +103,11 @@ def seen_change(
     levels: ImageArray, expected: FloatArray, response: Response = LINEAR
 ) -> SeenChange:
     """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
-    top = _TELLING if response.bends else _BRIGHTEST
+    top = TELLING if response.bends else _BRIGHTEST
     light = response.light(np.minimum(levels, top).astype(np.float64))
     return SeenChange(
         change=light - response.light(expected), over=levels >= top, under=levels <= _DARKEST
     )
-
-
-def light_weights(levels: ImageArray, response: Response) -> FloatArray:
-    """Return grey levels per unit of light of pixels, shape [n, 3]."""
-    return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
 
 
 def exposed(levels: ImageArray) -> BoolArray:
@@ -143,14 +133,16 @@ class PressScene:
     background: FloatArray  # no-contact frame without markers, RGB levels, [height, width, 3]
     profile: GelProfile
     exponents: IntArray
-    markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
+    markers: marker_tracking.PrintedMarkers | None = (
+        None  # those of the no-contact frame; None where it shows none
+    )
     # dz/d(column) and dz/d(row) of the unloaded gel [1], [2, height, width]; None is level
     rest_slope: FloatArray | None = None
     lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 
     def over(self, unloaded: ImageArray) -> PressScene:
         """Return the scene over another no-contact frame, RGB."""
-        markers = find_markers(unloaded)
+        markers = marker_tracking.find_markers(unloaded)
         bare = unloaded if markers is None else markers.bare
         return replace(self, background=bare.astype(np.float64), markers=markers)
 
@@ -240,8 +232,8 @@ class PressScene:
         """Return a press with its markers followed, and where they hide the gel."""
         if self.markers is None:
             return press
-        tracks = follow_markers(self.markers, press.image)
-        return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
+        tracks = marker_tracking.follow_markers(self.markers, press.image)
+        return replace(press, tracks=tracks, hidden=marker_tracking.hidden_by(self.markers, tracks))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light, see ``light_at``, outside the contact.

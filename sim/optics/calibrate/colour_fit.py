@@ -11,12 +11,12 @@ from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.circle_and_light import (
     BEYOND_RIM,
     STRIDE,
+    TELLING,
     PlacedPress,
     PredictedPixels,
     PressScene,
     exposed,
     light_at,
-    light_weights,
     seen_change,
 )
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
@@ -34,13 +34,10 @@ class Calibration:
     """What a set of presses gave."""
 
     model: PhotometricModel
-    # The scene with the no-contact frame averaged over all frames, which has less noise
-    scene: PressScene
+    scene: PressScene  # its no-contact frame is the mean of all frames, which has less noise
     circles: tuple[Circle, ...]  # nudged circles, in the order of the presses
-    # Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``
-    lights: FloatArray
-    # What the dents hide from the lamps; None where the sensor shows no shadows
-    shadows: ShadowCaster | None = None
+    lights: FloatArray  # of each frame, see ``light_at`` [grey levels], [press_count, 3, 3]
+    shadows: ShadowCaster | None = None  # None where the sensor shows none
     blur_px: float = 0.0  # standard deviation of the camera's blur [px]
     motion: MotionModel = ORTHOGRAPHIC
 
@@ -218,7 +215,8 @@ class PressSamples:
         """
         seen = seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
-        change, weights = seen.change, gain * light_weights(self._levels, response)
+        telling = np.minimum(self._levels, TELLING).astype(np.float64)
+        change, weights = seen.change, gain * response.slope(telling)
         if model is None:
             weights *= seen.exposed
         else:

@@ -50,8 +50,7 @@ class RadialProfile:
     radius_m: FloatArray  # ascending distances from the ball's axis [m], shape [sample_count]
     tilt: FloatArray  # sine of the surface's angle, positive where it rises outwards, same shape
     indentation_m: FloatArray  # unloaded minus loaded height [m], same shape
-    # How far the gel that is there now has moved away from the axis [m], same shape
-    outward_m: FloatArray
+    outward_m: FloatArray  # by how much the gel now there has moved away from the axis [m]
 
     def outward(self, radius_m: FloatArray) -> FloatArray:
         """Return how far the gel at distances from the axis has moved away from it [m].

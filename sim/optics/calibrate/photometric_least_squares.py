@@ -45,8 +45,7 @@ class PhotometricSamples:
     # no-contact frame
     shares: tuple[float, ...] = (1.0,)
     position: RealArray  # normalised pixel position, shape [2, n]
-    # Red, green and blue minus the no-contact colour [grey levels], shape [3, n]
-    change: RealArray
+    change: RealArray  # red, green, blue minus the no-contact colour [grey levels], [3, n]
     weights: RealArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
@@ -175,7 +174,9 @@ def fit_photometric(
             remedy="give more presses, or a model of lower degree",
         )
     held, grazed = np.ones(unknowns), np.array_equal(exponents, GRAZED_EXPONENTS)
-    if _span(presses) < (_WIDE_GRAZED if grazed else _WIDE):
+    places = [press.position.mean(axis=1) for press in presses]
+    span = np.ptp(places, axis=0).min() / 2.0  # part of the image's width or height, the lesser
+    if span < (_WIDE_GRAZED if grazed else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
     if ridge is None:  # shadows around a contact count as much as what is in it
         judged = parts if grazed else [*map(_contact, known, presses)]
@@ -192,12 +193,6 @@ def fit_photometric(
         reference=reference,
         provenance={"press_count": len(presses), "pixel_count": count, "ridge": ridge},
     )
-
-
-def _span(presses: Sequence[PhotometricSamples]) -> float:
-    """Return which part of the image's width and height, whichever is less, presses lie in."""
-    places = np.stack([press.position.mean(axis=1) for press in presses])
-    return float(np.ptp(places, axis=0).min()) / 2.0
 
 
 def _contact(features: FloatArray, press: PhotometricSamples) -> NormalEquations:
@@ -339,7 +334,9 @@ class _Search:
             sums = NormalEquations.of(self._features(numbers), self._samples)
             return float(np.sum(sums.load * sums.solved(_RIDGE)))
 
-        return max(map(_around, combinations(_AZIMUTHS, lamp_count)), key=explained)
+        choices = combinations(_AZIMUTHS, lamp_count)
+        lamps = (np.ravel([(azimuth, *_START[:2]) for azimuth in each]) for each in choices)
+        return max((np.append(each, _START[2]) for each in lamps), key=explained)
 
     def left_over(self, numbers: FloatArray) -> FloatArray:
         """Return what is left of the samples' colours, and the coefficients' own size."""
@@ -350,8 +347,3 @@ class _Search:
 
     def _features(self, numbers: FloatArray) -> FloatArray:
         return np.concatenate([self._polynomial, self._samples.shading(self.terms(numbers))])
-
-
-def _around(azimuths: Sequence[float]) -> FloatArray:
-    """Return lamps in these directions, as numbers, where a search starts."""
-    return np.array([*np.ravel([(azimuth, *_START[:2]) for azimuth in azimuths]), _START[2]])

@@ -124,9 +124,7 @@ def lost_share(
 ) -> Float32Array:
     """Return the share of a lamp's light that dents take away, shape [count, height, width].
 
-    Args:
-        bulge: Of each dent [m], shape [count, height, width].
-        tilt: Shape [count, 2, height, width].
+    Bulges [m] have this shape, tilts the shape [count, 2, height, width].
     """
     device = Device("cpu")
     dent = device.array(bulge, wp.float32)

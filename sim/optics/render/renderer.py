@@ -79,7 +79,9 @@ class TactileRenderer:
         rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
         frame = background.astype(np.float32).transpose(2, 0, 1)
         self._colours = model.over(frame, self._blocks)
-        self._weights = gaussian_weights(blur_px)
+        size = round(2.0 * _REACH * blur_px + 1.0) | 1  # odd: the pixel itself is in the middle
+        weights = cv2.getGaussianKernel(size, blur_px, cv2.CV_32F)[:, 0]
+        self._weights = np.asarray(weights, dtype=np.float32)
         self._images = partial(_Images, self._blocks, rest, self._colours, shadows, self._weights)
         self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
         self._base = self._colours.light - self._blurred_change_at_rest()
@@ -261,15 +263,6 @@ def nominal_renderer(
     even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
     ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
     return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)
-
-
-def gaussian_weights(sigma_px: float) -> Float32Array:
-    """Return the weights of a pixel and its neighbours in a row or column, their sum 1.
-
-    The pixel itself is in the middle; a standard deviation of 0 px leaves it alone.
-    """
-    size = round(2.0 * _REACH * sigma_px + 1.0) | 1
-    return np.asarray(cv2.getGaussianKernel(size, sigma_px, cv2.CV_32F)[:, 0], dtype=np.float32)
 
 
 def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
