@@ -106,10 +106,8 @@ def _directed(traction: ContactTraction) -> tuple[FloatArray, FloatArray]:
     outward = unit(np.cross(around, normals))
     outward *= np.sign(np.einsum("pi,pi->p", outward, arms))[:, None]
     size = max(float(np.linalg.norm(tangential, axis=1).sum()), 1e-300)
-    return (
-        np.einsum("pi,pi->p", tangential, around) / size,
-        np.einsum("pi,pi->p", tangential, outward) / size,
-    )
+    around, outward = (np.einsum("pi,pi->p", tangential, way) / size for way in (around, outward))
+    return around, outward
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,9 +142,8 @@ def traction_arrows(point: PathPoint, *, pitch_m: float) -> tuple[FloatArray, Fl
     traction = contact_forces(point)
     touched = traction.normal_n > 0.0
     arms = traction.arms_m[touched][:, :2]
-    squares, index = np.unique(
-        np.round(arms / pitch_m).astype(np.int64), axis=0, return_inverse=True
-    )
+    square = np.round(arms / pitch_m).astype(np.int64)
+    squares, index = np.unique(square, axis=0, return_inverse=True)
     force = np.zeros((len(squares), 2))
     np.add.at(force, index.reshape(-1), traction.tangential_n[touched][:, :2])
     return squares * pitch_m + point.state.tip[:2], force / pitch_m**2

@@ -122,9 +122,8 @@ def _fitted(
     nodes, local = renumbered(model.faces)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     faces = whole.copies(local)
-    loads = (
-        np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2) / areas[..., None]
-    )
+    forces = np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2)
+    loads = forces / areas[..., None]
     signs = list(model.mesh.symmetry.signs())
     points = np.concatenate([contact.points * sign for sign in signs])
     values = np.concatenate([loads * np.append(1.0, sign) for sign in signs])

@@ -221,7 +221,7 @@ def top_surface(model: Model) -> TopSurface:
 
 KEPT = 12
 """States of a path, at most."""
-_BY_DEPTH = 1.5  # under a ball forces to the power of 2/3 are about evenly deep
+_BY_DEPTH = 1.5  # under a ball depth goes with force^(2/3): such forces are about evenly deep
 _LESS = 0.97  # by so much a state has to be less loaded than the one it leads to
 
 
@@ -302,9 +302,8 @@ def gel_vtu(model: Model, point: PathPoint) -> bytes:
         "cauchy_stress_pa": components(whole.at_faces(stress.cells_pa)),
         "cauchy_stress_error_pa": whole.at_faces(stress.errors_pa),
     }
-    return vtu(
-        whole.faces(model.elements), whole.at_nodes(point.state.positions), on_points, on_cells
-    )
+    positions = whole.at_nodes(point.state.positions)
+    return vtu(whole.faces(model.elements), positions, on_points, on_cells)
 
 
 def indenter_vtu(surface: SurfaceState) -> bytes:

@@ -76,12 +76,8 @@ class CameraGeometry:
         """Columns: pad steps [m] of one image column and one image row, shape [2, 2]."""
         cosine, sine = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         turn = -1.0 if self.mirrored else 1.0
-        return np.array(
-            [
-                [self.scale_x_m * cosine, -turn * self.scale_y_m * sine],
-                [self.scale_x_m * sine, turn * self.scale_y_m * cosine],
-            ]
-        )
+        directions = np.array([[cosine, -turn * sine], [sine, turn * cosine]])
+        return directions * (self.scale_x_m, self.scale_y_m)
 
     def refined(self, samples: float) -> CameraGeometry:
         """Return the same view with every pixel divided into ``samples`` x ``samples``.
@@ -101,10 +97,9 @@ class CameraGeometry:
     @property
     def centre_from_middle_m(self) -> tuple[float, float]:
         """Where the pad's centre is seen, from the image's middle to the right and down [m]."""
-        return (
-            (self.centre_x_px - 0.5 * (self.width - 1)) * self.scale_x_m,
-            (self.centre_y_px - 0.5 * (self.height - 1)) * self.scale_y_m,
-        )
+        right_px = self.centre_x_px - 0.5 * (self.width - 1)
+        down_px = self.centre_y_px - 0.5 * (self.height - 1)
+        return right_px * self.scale_x_m, down_px * self.scale_y_m
 
     def to_pad(self, pixels: FloatArray) -> FloatArray:
         """Map (column, row) [px] to pad (x, y) [m], both of shape [..., 2]."""

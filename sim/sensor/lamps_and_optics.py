@@ -26,12 +26,8 @@ class Lamp:
     @property
     def towards(self) -> tuple[float, float, float]:
         """Direction to it along columns, rows and up, of length 1."""
-        level = math.cos(self.elevation_rad)
-        return (
-            level * math.cos(self.azimuth_rad),
-            level * math.sin(self.azimuth_rad),
-            math.sin(self.elevation_rad),
-        )
+        level, up = math.cos(self.elevation_rad), math.sin(self.elevation_rad)
+        return level * math.cos(self.azimuth_rad), level * math.sin(self.azimuth_rad), up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

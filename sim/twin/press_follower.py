@@ -129,14 +129,8 @@ class ImageOptions:
 
 def twin_scene(scene: Scene) -> Scene:
     """Return a press as a twin presses it: preset fast on longer edges, for its force alone."""
-    return replace(
-        scene,
-        preset=Preset.FAST,
-        refinement=REFINEMENT,
-        tolerance=None,
-        output_tolerances=(),
-        outputs=frozenset(),
-    )
+    alone = replace(scene, tolerance=None, output_tolerances=(), outputs=frozenset())
+    return replace(alone, preset=Preset.FAST, refinement=REFINEMENT)
 
 
 class Follower:
@@ -240,10 +234,9 @@ class Follower:
     def _begin_anew(self) -> None:
         model = self._path.model
         self._path = path_for(self._scene, self._plan, model=model)
-        loosened = LOOSENED * self._path.options.residual_relative
-        self._path.options = replace(
-            self._path.options, residual_relative=loosened, load_relative=loosened
-        )
+        own = self._path.options
+        loosened = LOOSENED * own.residual_relative
+        self._path.options = replace(own, residual_relative=loosened, load_relative=loosened)
 
     def _shown(
         self, goal: Goal, point: PathPoint | None, note: str, *, solve_s: float, maps: bool

@@ -6,19 +6,10 @@ from itertools import product
 
 import numpy as np
 
+from sim.optics.calibrate import circle_and_light as placing
 from sim.optics.calibrate import photometric_least_squares as fitting
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
-from sim.optics.calibrate.circle_and_light import (
-    BEYOND_RIM,
-    STRIDE,
-    TELLING,
-    PlacedPress,
-    PredictedPixels,
-    PressScene,
-    exposed,
-    light_at,
-    seen_change,
-)
+from sim.optics.calibrate.circle_and_light import PlacedPress, PredictedPixels, PressScene
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
 from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
@@ -74,15 +65,12 @@ def calibrate_optics(
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
             placed[i] = replace(lit, circle=averaged.nudged(lit, model))
-        stride = 1 if turn == rounds - 1 else STRIDE  # until then no other pixels are looked at
+        # Until the last round no other pixels are looked at.
+        stride = 1 if turn == rounds - 1 else placing.STRIDE
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene, stride))
         model = fit_model(placed, averaged, model, settled=start is not None)
-    return Calibration(
-        model=model,
-        scene=averaged,
-        circles=tuple(each.circle for each in placed),
-        lights=np.array([each.light for each in placed]),
-    )
+    circles, lights = tuple(each.circle for each in placed), [each.light for each in placed]
+    return Calibration(model=model, scene=averaged, circles=circles, lights=np.array(lights))
 
 
 def fit_model(
@@ -132,13 +120,9 @@ def fit_model(
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
             known = fitted(None, terms, fitting.RIDGE)
-    if scene.lamp_count:
-        terms = fitting.fit_terms(
-            fitting.joined([each.through(response, known) for each in pressed]),
-            lamp_count=scene.lamp_count,
-            aspect=scene.aspect,
-            start=terms,
-        )
+    if lamp_count := scene.lamp_count:
+        seen = fitting.joined([each.through(response, known) for each in pressed])
+        terms = fitting.fit_terms(seen, lamp_count=lamp_count, aspect=scene.aspect, start=terms)
     return fitted(known, terms, ridge)
 
 
@@ -157,9 +141,9 @@ def averaged_no_contact(
     pixels = PredictedPixels(scene, model, columns, rows)
     for each in placed:
         image, circle = each.press.image[rows, columns], each.circle
-        level = image - light_at(each.light, position) - pixels.predict(circle)
-        outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        known = (outside & each.press.shown[rows, columns])[:, None] & exposed(image)
+        level = image - placing.light_at(each.light, position) - pixels.predict(circle)
+        outside = circle.distance(columns, rows) > placing.BEYOND_RIM * circle.radius_px
+        known = (outside & each.press.shown[rows, columns])[:, None] & placing.exposed(image)
         total += np.where(known, level, 0.0)
         count += known
     averaged[rows, columns] = total / count
@@ -213,9 +197,9 @@ class PressSamples:
         A model stands in for pixels that are too bright or too dark for the camera; without one
         they do not count.
         """
-        seen = seen_change(self._levels, self._expected, response)
+        seen = placing.seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
-        telling = np.minimum(self._levels, TELLING).astype(np.float64)
+        telling = np.minimum(self._levels, placing.TELLING).astype(np.float64)
         change, weights = seen.change, gain * response.slope(telling)
         if model is None:
             weights *= seen.exposed

@@ -248,9 +248,8 @@ def _camera_moved(
 
 
 def _detail(image: ImageArray) -> Float32Array:
-    fine, coarse = (
-        cv2.GaussianBlur(to_grey(image).astype(np.float32), (0, 0), s) for s in _DETAIL_PX
-    )
+    grey = to_grey(image).astype(np.float32)
+    fine, coarse = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in _DETAIL_PX)
     return np.asarray(fine - coarse, dtype=np.float32)
 
 

@@ -84,9 +84,8 @@ def _charuco(
             remedy="give both as printed",
         )
     board = cv2.aruco.CharucoBoard((columns, rows), square, marker, _markers(dictionary))
-    return BoardTarget(
-        board, cv2.aruco.CharucoDetector(board).detectBoard, (columns - 1) * (rows - 1)
-    )
+    detect = cv2.aruco.CharucoDetector(board).detectBoard
+    return BoardTarget(board, detect, (columns - 1) * (rows - 1))
 
 
 def _aruco(
@@ -241,7 +240,7 @@ def read_positions(path: Path) -> dict[str, tuple[float, float]]:
 
 
 def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height: int) -> ScaleFit:
-    """Fit mm per pixel in x and y, rotation, centre and mirroring of an image of a size [px].
+    """Fit mm per pixel in x and y, rotation, centre and mirroring.
 
     The pad's frame becomes the robot's, shifted to where the robot believes the gel's centre to be:
     that is the frame in which the presses of a run are commanded, so that a constant error between
@@ -251,6 +250,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
         positions_m: Commanded x, y of each press from the gel's centre, or of each point from the
             target's middle [m], shape [n, 2].
         pixels: Column, row of each contact's centre or point [px], shape [n, 2].
+        width, height: Of the image [px].
 
     Raises:
         ConfigError: Fewer than four presses, or all of them on one line.

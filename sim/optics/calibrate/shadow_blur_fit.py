@@ -171,11 +171,8 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
         reference=fitting.REFERENCE,
     )
     own, colours = np.split(together.term_coefficients, [model.terms.count])
-    return replace(
-        found,
-        model=replace(together, term_coefficients=own),
-        shadows=_with_colours(shadows, colours),
-    )
+    fitted = replace(together, term_coefficients=own)
+    return replace(found, model=fitted, shadows=_with_colours(shadows, colours))
 
 
 def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
@@ -219,9 +216,8 @@ class _LostLight:
         height, width = scene.background.shape[:2]
         size = (width // _COARSE, height // _COARSE)
         gels = (scene.pressed_image(each.circle)[:3].astype(np.float32) for each in placed)
-        small = [
-            [cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in gel] for gel in gels
-        ]
+        area = cv2.INTER_AREA
+        small = [[cv2.resize(each, size, interpolation=area) for each in gel] for gel in gels]
         self._dents = np.array(small)  # tilt (2) and bulge [m], shape [press, 3, height, width]
         self._blur_px = found.blur_px / _COARSE
         pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
@@ -382,10 +378,8 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     for each in placed:
         press, circle = each.press, each.circle
         reach = _REACH * circle.radius_px + _MARGIN_PX
-        window = tuple(
-            slice(max(0, int(middle - reach)), int(middle + reach) + 2)
-            for middle in (circle.y_px, circle.x_px)
-        )
+        spans = ((int(at - reach), int(at + reach) + 2) for at in (circle.y_px, circle.x_px))
+        window = tuple(slice(max(0, first), end) for first, end in spans)
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]

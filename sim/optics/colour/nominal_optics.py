@@ -101,9 +101,7 @@ PHOTOMETRIC = Renderer(
 )
 
 
-GREY_EXPONENTS = photometric.polynomial_exponents(
-    tilt_degree=0, position_degree=0, indentation_degree=4
-)
+GREY_EXPONENTS = photometric.polynomial_exponents(0, 0, indentation_degree=4)
 
 
 @dataclass(frozen=True, slots=True)

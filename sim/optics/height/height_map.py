@@ -86,17 +86,14 @@ def height_maps(
         device.array(surface.indenter_position[None], wp.vec3d),
         device.array(surface.indenter_rotation[None], wp.mat33d),
     )
-    shape = geometry.height, geometry.width
-    if np.isnan(loaded.numpy()).any():
+    shape, found = (geometry.height, geometry.width), (loaded, drawing.rest_m, contact)
+    height, rest, touched = (each.numpy().reshape(shape) for each in found)
+    if np.isnan(height).any():
         raise ConfigError(
             "the deformed surface covers no pixel, though the unloaded one does",
             remedy="check that the press ended with finite positions in the pad's frame",
         )
-    return HeightMaps(
-        loaded=loaded.numpy().reshape(shape),
-        rest=drawing.rest_m.numpy().reshape(shape),
-        contact=contact.numpy().reshape(shape) > 0,
-    )
+    return HeightMaps(loaded=height, rest=rest, contact=touched > 0)
 
 
 def gap_left(contact_gap_m: float, standoff_m: float) -> float:

@@ -45,10 +45,10 @@ class PrintedMarkers:
     centres_px: FloatArray  # column and row of each marker at rest [px], shape [n, 2]
 
     def over(self, image: RealArray, motion_px: RealArray | None = None) -> FloatArray:
-        """Return an RGB image of the bare gel, [height, width, 3], with the markers over it.
+        """Return RGB of the bare gel [grey levels], [height, width, 3], with the markers over it.
 
-        The gel that each pixel sees has moved along columns and rows by ``motion_px``, [2, height,
-        width]; None is gel at rest.
+        The gel that each pixel sees has moved along columns and rows by ``motion_px`` [px], shape
+        [2, height, width]; None is gel at rest.
         """
         printed: Any = self.fine[::FINE, ::FINE]
         if motion_px is not None:
@@ -77,9 +77,8 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     A make of sensor is sold with and without them, so the frame decides.
     """
     taken = ink_taken(frame)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        (taken > _EDGE_SHARE).astype(np.uint8)
-    )
+    inked = (taken > _EDGE_SHARE).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(inked)
     widest = _widest_px(frame)
     area, sides = stats[:, cv2.CC_STAT_AREA], stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
     darkest = ndimage.maximum(taken, labels, np.arange(count))

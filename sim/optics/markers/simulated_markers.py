@@ -14,14 +14,7 @@ from sim.optics.markers import marker_kernel as kernels
 from sim.optics.markers.marker_tracking import FINE, PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.core.arrays import (
-    BoolArray,
-    Float32Array,
-    FloatArray,
-    ImageArray,
-    IndexArray,
-    IntArray,
-)
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, IndexArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_PX = 4  # of the lattice of points whose motion is interpolated between
@@ -191,13 +184,13 @@ class MarkerPrinter:
         return np.asarray(printed.numpy()[0])
 
 
-def _inked(printed: Float32Array) -> BoolArray:
-    """Return which cells of a lattice of points have ink or a neighbour with ink."""
+def _inked(printed: Float32Array) -> ImageArray:
+    """Return 1 for the cells of a lattice of points that have ink or a neighbour with ink."""
     changed = (printed != (1.0, 0.0, 0.0, 0.0)).any(axis=2)
     whole = np.pad(changed, [(0, -size % _SPACING_PX) for size in changed.shape])
     cells = np.maximum.reduceat(whole, range(0, len(whole), _SPACING_PX), axis=0)
     cells = np.maximum.reduceat(cells, range(0, whole.shape[1], _SPACING_PX), axis=1)
-    return np.asarray(ndimage.binary_dilation(cells, np.ones((3, 3))), dtype=np.bool_)
+    return np.asarray(ndimage.binary_dilation(cells, np.ones((3, 3))), dtype=np.uint8)
 
 
 def marker_places(grid: MarkerGrid) -> FloatArray:
