@@ -243,8 +243,7 @@ def _camera_moved(
         moved += [shift] if peak > _LEAST_PEAK else []
     if 2 * len(moved) < len(rendered):
         return None
-    x, y = np.median(moved, axis=0).tolist()
-    return x, y
+    return tuple(np.median(moved, axis=0).tolist())
 
 
 def _detail(image: ImageArray) -> Float32Array:

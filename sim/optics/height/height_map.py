@@ -375,12 +375,6 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
     face, place = np.divmod(np.unique(added, return_index=True)[1], added.shape[1])
     beside = np.column_stack([across, np.full(len(faces), -1)])[face, np.minimum(place // count, 3)]
     nodes = np.concatenate([faces, node_count + added], axis=1)
-    return {
-        "parts": np.concatenate([faces, nodes[:, parts].reshape(-1, 6)]),
-        "values": values,
-        "straight": straight,
-        "across": across,
-        "face": face,
-        "beside": beside,
-        "place": 6 + place,
-    }
+    parts = np.concatenate([faces, nodes[:, parts].reshape(-1, 6)])
+    cut = {"parts": parts, "values": values, "straight": straight, "across": across}
+    return cut | {"face": face, "beside": beside, "place": 6 + place}

@@ -47,13 +47,9 @@ class SeenPoints:
         facets = linear_facets(top.faces)
         chosen, weights = _cover(top.rest[facets][..., :2], points, beside=beside)
         corners = facets[chosen]
-        tables = {
-            "nodes": top.sources[corners],
-            "signs": top.signs[corners],
-            "rest": top.rest[corners],
-            "weights": weights,
-            "rest_px": geometry.to_pixels(points),
-        }
+        tables = {"nodes": top.sources[corners], "signs": top.signs[corners]}
+        tables |= {"rest": top.rest[corners], "rest_px": geometry.to_pixels(points)}
+        tables["weights"] = weights
         self._points = on.tables(
             kernels.Points,
             tables,
