@@ -376,5 +376,5 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
     beside = np.column_stack([across, np.full(len(faces), -1)])[face, np.minimum(place // count, 3)]
     nodes = np.concatenate([faces, node_count + added], axis=1)
     parts = np.concatenate([faces, nodes[:, parts].reshape(-1, 6)])
-    cut = {"parts": parts, "values": values, "straight": straight, "across": across}
-    return cut | {"face": face, "beside": beside, "place": 6 + place}
+    cut: dict[str, AnyArray] = {"parts": parts, "values": values, "straight": straight}
+    return cut | {"across": across, "face": face, "beside": beside, "place": 6 + place}
