@@ -20,7 +20,7 @@ from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.effects.planned_effects import full_plan
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.effects.press_with_effects import path_for
-from sim.fields.contact_moment_and_area import contact_measures
+from sim.fields.pressure_and_shear import contact_measures
 from sim.mesh.cached_tet_mesh import cache_folder
 from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene, Target
@@ -151,7 +151,7 @@ def press_tilted(
     for force_n in forces_n:
         point = path.push(force_n)
         history.append((point.depth_m, float(point.force_n[2])))
-        moments.append(-float(contact_measures(path, point).moment_nm[1]))
+        moments.append(-float(contact_measures(path.model, point).moment_nm[1]))
     return TiltedPress(
         history=tuple(history), moments_nm=np.array(moments), outputs=outputs_of(path, point)
     )

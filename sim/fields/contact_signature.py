@@ -19,25 +19,20 @@ from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
-_UP = np.array([0.0, 0.0, 1.0])
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactSignature:
     """What the contact of one equilibrium looks like, seen along z; forces act on the gel."""
 
-    # Resultant of the normal forces, as a vector [N], shape [3]
-    normal_n: tuple[float, float, float]
+    normal_n: tuple[float, float, float]  # resultant of the normal forces, a vector [N]
     normal_sum_n: float  # sum of the normal forces' sizes [N]
-    # Resultant of the tangential forces, as a vector [N], shape [3]
-    tangential_n: tuple[float, float, float]
+    tangential_n: tuple[float, float, float]  # resultant of the tangential forces [N]
     tangential_sum_n: float  # sum of the tangential forces' sizes [N]
     centre_m: tuple[float, float]  # centre of pressure relative to the indenter's axis, x and y [m]
     # Mean of |cos| of the angle between the tangential force and the way around the axis, weighted
     # by the force's size, over the vertices
     circumferential_share: float
-    # The same with the way straight from the axis, along the indenter's surface
-    radial_share: float
+    radial_share: float  # the same with the way straight from the axis, along the surface
     inward_share: float  # weighted mean of the cosine with the way towards the axis
     radial_share_points: float  # ``radial_share`` over the contact points
 
@@ -91,11 +86,11 @@ def contact_signature(model: Model, point: PathPoint) -> ContactSignature:
     centre = pressed @ traction.arms_m.reshape(-1, 3) / max(float(pressed.sum()), 1e-300)
     around, outward = _directed(vertex_traction(model, point))
     return ContactSignature(
-        normal_n=_vector(pressed @ traction.normals.reshape(-1, 3)),
+        normal_n=tuple((pressed @ traction.normals.reshape(-1, 3)).tolist()),
         normal_sum_n=float(pressed.sum()),
-        tangential_n=_vector(tangential.sum(axis=0)),
+        tangential_n=tuple(tangential.sum(axis=0).tolist()),
         tangential_sum_n=float(np.linalg.norm(tangential, axis=1).sum()),
-        centre_m=(float(centre[0]), float(centre[1])),
+        centre_m=tuple(centre[:2].tolist()),
         circumferential_share=float(np.abs(around).sum()),
         radial_share=float(np.abs(outward).sum()),
         inward_share=-float(outward.sum()),
@@ -107,19 +102,12 @@ def _directed(traction: ContactTraction) -> tuple[FloatArray, FloatArray]:
     """Return the tangential forces' parts around and away from the axis, over their sizes' sum."""
     arms, normals = traction.arms_m.reshape(-1, 3), traction.normals.reshape(-1, 3)
     tangential = traction.tangential_n.reshape(-1, 3)
-    around = unit(np.cross(_UP, arms * (1.0, 1.0, 0.0)))
+    around = unit(np.cross((0.0, 0.0, 1.0), arms * (1.0, 1.0, 0.0)))
     outward = unit(np.cross(around, normals))
     outward *= np.sign(np.einsum("pi,pi->p", outward, arms))[:, None]
     size = max(float(np.linalg.norm(tangential, axis=1).sum()), 1e-300)
-    return (
-        np.einsum("pi,pi->p", tangential, around) / size,
-        np.einsum("pi,pi->p", tangential, outward) / size,
-    )
-
-
-def _vector(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+    around, outward = (np.einsum("pi,pi->p", tangential, way) / size for way in (around, outward))
+    return around, outward
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,9 +142,8 @@ def traction_arrows(point: PathPoint, *, pitch_m: float) -> tuple[FloatArray, Fl
     traction = contact_forces(point)
     touched = traction.normal_n > 0.0
     arms = traction.arms_m[touched][:, :2]
-    squares, index = np.unique(
-        np.round(arms / pitch_m).astype(np.int64), axis=0, return_inverse=True
-    )
+    square = np.round(arms / pitch_m).astype(np.int64)
+    squares, index = np.unique(square, axis=0, return_inverse=True)
     force = np.zeros((len(squares), 2))
     np.add.at(force, index.reshape(-1), traction.tangential_n[touched][:, :2])
     return squares * pitch_m + point.state.tip[:2], force / pitch_m**2

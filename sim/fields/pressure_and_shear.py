@@ -24,10 +24,8 @@ from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
-# Of every point's weight: keeps the fit of a node with few touched points determined.
-_LEAST_WEIGHT = 1e-6
-# Nodes that are fitted at once, for memory.
-_BLOCK = 256
+_LEAST_WEIGHT = 1e-6  # keeps the fit of a node with few touched points determined
+_BLOCK = 256  # nodes that are fitted at once, for memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,10 +47,34 @@ class ContactTraction:
     """Contact forces on the gel, by contact point or by vertex."""
 
     arms_m: FloatArray  # from the indenter's tip [m], shape [..., 3]
-    # The indenter's outward unit normals, zero where nothing touches, shape [..., 3]
-    normals: FloatArray
+    normals: FloatArray  # outward ones of the indenter, zero where nothing touches, [..., 3]
     normal_n: FloatArray  # normal force [N]; positive presses on the gel
     tangential_n: FloatArray  # tangential force [N], shape [..., 3]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactMeasures:
+    """Sums over the contact points of an equilibrium; units in the names."""
+
+    moment_nm: FloatArray  # about the indenter's tip, shape [3]
+    area_m2: float
+    area_seen_m2: float
+    gap_min_m: float
+
+
+def contact_measures(model: Model, point: PathPoint) -> ContactMeasures:
+    """Sum moment and area over the contact points."""
+    contact, symmetry = point.equilibrium.contact, model.mesh.symmetry
+    normals = model.surface.area_vectors(point.state.positions)
+    areas = np.linalg.norm(normals, axis=2)
+    touching = np.linalg.norm(contact.forces, axis=2) > 0.0
+    arms = contact.points - point.state.tip
+    return ContactMeasures(
+        moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
+        area_m2=symmetry.copies * float(areas[touching].sum()),
+        area_seen_m2=symmetry.copies * float(np.abs(normals[..., 2])[touching].sum()),
+        gap_min_m=float(contact.gaps.min()),
+    )
 
 
 def contact_forces(point: PathPoint) -> ContactTraction:
@@ -100,9 +122,8 @@ def _fitted(
     nodes, local = renumbered(model.faces)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     faces = whole.copies(local)
-    loads = (
-        np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2) / areas[..., None]
-    )
+    forces = np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2)
+    loads = forces / areas[..., None]
     signs = list(model.mesh.symmetry.signs())
     points = np.concatenate([contact.points * sign for sign in signs])
     values = np.concatenate([loads * np.append(1.0, sign) for sign in signs])

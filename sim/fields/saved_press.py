@@ -57,13 +57,11 @@ class SurfaceState:
     # lower_surface(x - indenter_position[0], ...)``, unless by a part of a wide barrier's d_hat
     # where it is pressed hard
     indenter_position: FloatArray
-    # Indenter frame to pad frame, shape [3, 3]; identity for a plain press
-    indenter_rotation: FloatArray
+    indenter_rotation: FloatArray  # indenter frame to pad frame, shape [3, 3]
     # How far off the indenter the gel lies where it touches [m]: the contact distance d_hat, while
     # the indenter is the body itself
     standoff_m: float = 0.0
-    # Axis about which the mesh was revolved, x and y [m]; None where it was not
-    mesh_axis_m: tuple[float, float] | None = None
+    mesh_axis_m: tuple[float, float] | None = None  # as ``TopSurface`` has it
 
     @property
     def top(self) -> TopSurface:
@@ -101,8 +99,7 @@ class TrialFields:
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
     surface: SurfaceState  # the deformed contact surface, for the optics
-    # The surface along the loading path and at its end, the smallest force first; empty where it
-    # was not asked for
+    # Along the loading path and at its end, the smallest force first; empty where not asked for
     intermediate: tuple[IntermediateState, ...] = ()
 
     @property
@@ -224,11 +221,8 @@ def top_surface(model: Model) -> TopSurface:
 
 KEPT = 12
 """States of a path, at most."""
-# Under a ball the depth goes with the force to the power of 2/3: forces as far apart are about
-# evenly deep.
-_BY_DEPTH = 1.5
-# By so much a state has to be less loaded than the one it leads to.
-_LESS = 0.97
+_BY_DEPTH = 1.5  # under a ball depth goes with force^(2/3): such forces are about evenly deep
+_LESS = 0.97  # by so much a state has to be less loaded than the one it leads to
 
 
 def intermediate_state(
@@ -236,9 +230,7 @@ def intermediate_state(
 ) -> IntermediateState:
     """Return an equilibrium as the camera and the contact need it.
 
-    Args:
-        stiffer: How many times as stiff as the path's gel the gel is: it has the same state at as
-            many times the force.
+    A gel ``stiffer`` times as stiff as the path's has the same state at as many times the force.
     """
     pressure = surface_traction(path.model, point).pressure_pa
     return IntermediateState(
@@ -250,14 +242,9 @@ def intermediate_state(
 
 
 class IntermediateStates:
-    """Chooses a few of the states that a path kept; no press is made for it.
+    """Chooses a few of the states that a path kept up to a force [N]; no press is made for it.
 
-    Intermediate states balance to 0.01 % of the contact's force.
-
-    Args:
-        path: Of a gel that may be less stiff.
-        force_n: The largest that is pressed to [N].
-        stiffer: As for ``intermediate_state``.
+    They balance to 0.01 % of the contact's force; ``stiffer`` is as for ``intermediate_state``.
     """
 
     def __init__(self, path: LoadingPath, force_n: float, *, stiffer: float = 1.0) -> None:
@@ -278,10 +265,8 @@ class IntermediateStates:
 _CELLS = {3: "TRIANGLE", 6: "QUADRATIC_TRIANGLE", 4: "TETRA", 10: "QUADRATIC_TETRA"}
 # An analytic indenter's underside is drawn with so many rings and sectors.
 _RINGS, _SECTORS = 60, 96
-# Just inside a rim, beside which there is no underside.
-_INSIDE = 1.0 - 1e-9
-# Of the gel's largest coordinate: so wide a plate is drawn.
-_PLATE_SHARE = 0.8
+_INSIDE = 1.0 - 1e-9  # just inside a rim, beside which there is no underside
+_PLATE_SHARE = 0.8  # of the gel's largest coordinate: so wide a plate is drawn
 
 
 def vtu(
@@ -290,12 +275,7 @@ def vtu(
     on_points: Mapping[str, FloatArray],
     on_cells: Mapping[str, FloatArray],
 ) -> bytes:
-    """Return a .vtu file of faces or tetrahedra.
-
-    Args:
-        cells: Shape [cell_count, node_count].
-        points: Shape [point_count, 3] [m].
-    """
+    """Return a .vtu file of faces or tetrahedra, [cell_count, node_count], of points [n, 3] [m]."""
     # Here, since importing it takes a second, and a press alone writes no file.
     pyvista = importlib.import_module("pyvista")
     kind = getattr(pyvista.CellType, _CELLS[cells.shape[1]])
@@ -322,9 +302,8 @@ def gel_vtu(model: Model, point: PathPoint) -> bytes:
         "cauchy_stress_pa": components(whole.at_faces(stress.cells_pa)),
         "cauchy_stress_error_pa": whole.at_faces(stress.errors_pa),
     }
-    return vtu(
-        whole.faces(model.elements), whole.at_nodes(point.state.positions), on_points, on_cells
-    )
+    positions = whole.at_nodes(point.state.positions)
+    return vtu(whole.faces(model.elements), positions, on_points, on_cells)
 
 
 def indenter_vtu(surface: SurfaceState) -> bytes:
@@ -337,8 +316,7 @@ def indenter_vtu(surface: SurfaceState) -> bytes:
 def indenter_surface(indenter: Indenter, gel_m: float) -> tuple[FloatArray, IntArray]:
     """Return vertices [m] and triangles of an indenter in its own frame, as ``indenter_vtu``.
 
-    Args:
-        gel_m: The gel's largest coordinate [m].
+    A plate, which has no end, is drawn by the gel's largest coordinate [m].
     """
     if isinstance(indenter, MeshIndenter):
         return indenter.surface.vertices, np.asarray(indenter.surface.faces, dtype=np.int32)
@@ -353,14 +331,11 @@ STATES = 24
 
 
 def passed_states(path: LoadingPath) -> dict[str, AnyArray]:
-    """Return the gel and the indenter in states from no contact to the end; units in the names.
+    """Return the gel and the indenter in states of a path that kept all; units in the names.
 
-    They balance as the path's steps do, to 0.1 % of the force. Fields of k states have the shape
-    [k, ...]; those of the indenter's surface are in its own frame. ``elements`` lists the nodes of
-    tetrahedra, ``faces`` the corners of the surface's.
-
-    Args:
-        path: That kept all its states.
+    The first is without contact. They balance as the path's steps do, to 0.1 % of the force. Fields
+    of k states have the shape [k, ...]; those of the indenter's surface are in its own frame.
+    ``elements`` lists the nodes of tetrahedra, ``faces`` the corners of the surface's.
     """
     model, points = path.model, path.points
     chosen = np.unique(np.linspace(0, len(points) - 1, STATES - 1).round().astype(int)).tolist()

@@ -30,8 +30,7 @@ class SurfaceStress:
     normals: FloatArray
     areas_m2: FloatArray
     traction_pa: FloatArray  # t = sigma n, sigma of the parent tetrahedron (mean over its points)
-    # p_n = t . n; negative is compression.
-    normal_pa: FloatArray
+    normal_pa: FloatArray  # p_n = t . n; negative is compression
     tangential_pa: FloatArray  # t - p_n n
 
 
@@ -94,8 +93,7 @@ class CauchyStress:
     """Stress of a whole model [Pa]."""
 
     cells_pa: FloatArray  # mean over each tetrahedron's points, shape [tet_count, 3, 3]
-    # Recovered; where layers meet, that of the layer above, shape [node_count, 3, 3]
-    nodes_pa: FloatArray
+    nodes_pa: FloatArray  # recovered; of the layer above where two meet, [node_count, 3, 3]
     # Estimated error of each tetrahedron's own stress: root mean square of the norm of what it and
     # the recovered one are apart, shape [tet_count]
     errors_pa: FloatArray
@@ -122,9 +120,8 @@ def cauchy_stress(model: Model, positions: FloatArray) -> CauchyStress:
 def recovered_stress(model: Model, positions: FloatArray, chosen: BoolArray) -> FloatArray:
     """Return the stress recovered at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
 
-    Args:
-        positions: Deformed nodes [m], shape [node_count, 3].
-        chosen: Which tetrahedra are of the layer, shape [tet_count].
+    Positions are the deformed nodes' [m], [node_count, 3]; ``chosen`` says which tetrahedra are of
+    the layer, [tet_count].
     """
     corners = model.elements[chosen, :4]
     vertices, local = renumbered(corners)

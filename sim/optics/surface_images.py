@@ -64,15 +64,15 @@ class SurfaceImages:
         geometry, top = geometry or sensor.camera, top_surface(model)
         fine, options = geometry.refined(samples), model.contact_options
         self._upright: Any = device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d)
+        on: dict[str, Any] = {"count": count, "device": model.device}
         self._heights = SurfaceHeights(
             top,
             indenter,
             fine,
-            count=count,
             standoff_m=options.distance_m,
             contact_gap_m=gap_left(TOUCHING_M, 0.0 if options.is_wide else options.distance_m),
             pad=sensor.pad,
-            device=model.device,
+            **on,
         )
         markers = None if background is None else find_markers(background)
         if background is None:
@@ -90,7 +90,6 @@ class SurfaceImages:
         )
         self.dents, self._render = renderer.prepared(count)
         places = marker_places(sensor.markers) if sensor.markers else np.zeros((0, 2))
-        on: dict[str, Any] = {"count": count, "device": model.device}
         self._points = SeenPoints(top, places, geometry, **on)
         self._printer = None if markers is None else MarkerPrinter(top, markers, geometry, **on)
 

@@ -26,11 +26,9 @@ class CameraGeometry:
     scale_y_m: float  # pad length seen by one row [m/px]
     centre_x_px: float  # column that sees the pad's centre
     centre_y_px: float  # row that sees the pad's centre
-    # Angle from the pad's x axis to the direction of growing columns [rad]
-    rotation_rad: float = 0.0
+    rotation_rad: float = 0.0  # from the pad's x axis to the direction of growing columns [rad]
     mirrored: bool = False  # true where rows grow with -y
-    # Part of the raw frame's width cut off at left and right each, and of its height at top and
-    # bottom each, before it is resized
+    # Part of the raw frame's width or height that is cut off at each border before it is resized
     crop_fraction: float = 0.0
     # Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen farther from
     # the image's middle. Infinite is a view by parallel rays.
@@ -78,12 +76,8 @@ class CameraGeometry:
         """Columns: pad steps [m] of one image column and one image row, shape [2, 2]."""
         cosine, sine = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         turn = -1.0 if self.mirrored else 1.0
-        return np.array(
-            [
-                [self.scale_x_m * cosine, -turn * self.scale_y_m * sine],
-                [self.scale_x_m * sine, turn * self.scale_y_m * cosine],
-            ]
-        )
+        directions = np.array([[cosine, -turn * sine], [sine, turn * cosine]])
+        return directions * (self.scale_x_m, self.scale_y_m)
 
     def refined(self, samples: float) -> CameraGeometry:
         """Return the same view with every pixel divided into ``samples`` x ``samples``.
@@ -103,10 +97,9 @@ class CameraGeometry:
     @property
     def centre_from_middle_m(self) -> tuple[float, float]:
         """Where the pad's centre is seen, from the image's middle to the right and down [m]."""
-        return (
-            (self.centre_x_px - 0.5 * (self.width - 1)) * self.scale_x_m,
-            (self.centre_y_px - 0.5 * (self.height - 1)) * self.scale_y_m,
-        )
+        right_px = self.centre_x_px - 0.5 * (self.width - 1)
+        down_px = self.centre_y_px - 0.5 * (self.height - 1)
+        return right_px * self.scale_x_m, down_px * self.scale_y_m
 
     def to_pad(self, pixels: FloatArray) -> FloatArray:
         """Map (column, row) [px] to pad (x, y) [m], both of shape [..., 2]."""

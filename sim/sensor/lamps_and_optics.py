@@ -20,19 +20,14 @@ class Lamp:
     # Grey levels added to red, green and blue of a surface that faces the lamp; of a calibration
     # where the no-contact frame's light is at the model's reference
     colour: tuple[float, float, float]
-    # From the middle of the image along the gel [m]; None is so far that it shines from everywhere
-    # in one direction
+    # From the middle of the image along the gel [m]; None shines in one direction everywhere
     distance_m: float | None = None
 
     @property
     def towards(self) -> tuple[float, float, float]:
         """Direction to it along columns, rows and up, of length 1."""
-        level = math.cos(self.elevation_rad)
-        return (
-            level * math.cos(self.azimuth_rad),
-            level * math.sin(self.azimuth_rad),
-            math.sin(self.elevation_rad),
-        )
+        level, up = math.cos(self.elevation_rad), math.sin(self.elevation_rad)
+        return level * math.cos(self.azimuth_rad), level * math.sin(self.azimuth_rad), up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +51,7 @@ class Renderer:
     # Of the terms that a calibration fits, shape [term_count, 5], see ``PhotometricModel``; None
     # cannot be calibrated
     exponents: IntArray | None = None
-    # Colours depend on the gel's slope; otherwise grey depends on its depth
-    sees_slope: bool = True
+    sees_slope: bool = True  # colours depend on the gel's slope; otherwise grey on its depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -312,9 +312,5 @@ def _camera(table: _Camera) -> CameraGeometry:
 
 
 def _markers(table: _Markers) -> MarkerGrid:
-    return MarkerGrid(
-        columns=table.columns,
-        rows=table.rows,
-        pitch_m=(table.pitch_x.value, table.pitch_y.value),
-        radius_m=table.radius.value,
-    )
+    pitch_m, radius_m = (table.pitch_x.value, table.pitch_y.value), table.radius.value
+    return MarkerGrid(columns=table.columns, rows=table.rows, pitch_m=pitch_m, radius_m=radius_m)

@@ -26,8 +26,7 @@ from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 
-# Of the largest force: between them the error goes evenly.
-_SHARES = (0.25, 0.5, 1.0)
+_SHARES = (0.25, 0.5, 1.0)  # of the largest force: between them the error goes evenly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,12 +49,10 @@ class TwinFrame:
 
     goal: Goal
     force_n: float  # its F_z [N]; zero where nothing touches
-    # Stated error [N]: 95 % of such presses err by less; None where nobody knows
-    force_error_n: float | None
+    force_error_n: float | None  # 95 % of such presses err by less [N]; None where unknown
     depth_m: float  # travel below first touch [m]
     image: ImageArray  # what the camera would show, RGB, uint8, shape [height, width, 3]
-    # On the gel where the image's pixels look, shape [rows, columns]; None where it was not asked
-    # for
+    # On the gel where the image's pixels look, [rows, columns]; None where it was not asked for
     pressure_pa: FloatArray | None
     shear_pa: FloatArray | None  # size of the tangential traction there, likewise
     solve_s: float
@@ -67,8 +64,8 @@ class TwinFrame:
 class StatedForceError:
     """Relative errors of F_z at ascending forces; where none is known, ``basis`` says why."""
 
-    forces_n: Sequence[float]
-    relative: Sequence[float]
+    forces_n: Sequence[float] = ()
+    relative: Sequence[float] = ()
     basis: str
 
     def error_n(self, force_n: float) -> float | None:
@@ -95,14 +92,13 @@ def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> S
             own, found = (outputs_of(each, each.push(force)) for each in (path, finer))
             worth = estimate_from(aimed, plan, found, coarser.push(force))
             if worth.force is None:
-                return StatedForceError(forces_n=(), relative=(), basis=worth.basis)
+                return StatedForceError(basis=worth.basis)
             share = max(1.0, found.stiffness_n_m * found.depth_m / force)
             apart = share * abs(own.depth_m - found.depth_m) / found.depth_m
             relative.append(apart + worth.force)
             basis = f"{apart:.2%} off preset fast; of that {worth.basis}"
     except RigError as error:
-        basis = f"the press on shorter edges failed: {error.message}"
-        return StatedForceError(forces_n=(), relative=(), basis=basis)
+        return StatedForceError(basis=f"the press on shorter edges failed: {error.message}")
     return StatedForceError(forces_n=forces, relative=relative, basis=basis)
 
 
@@ -113,10 +109,8 @@ TETS_MAX = 500
 """All of ``bench --part twin`` have fewer: at most 24 ms of a core a frame, in the median."""
 LOOSENED = 10.0
 """A twin's forces balance so many times less closely than a replay's: to 1e-5 of the contact's."""
-# Less is noise of the cell, and no contact.
-NO_FORCE_N = 0.02
-# Where a gel without memory waits for the next contact: the first touch takes the longest.
-_WAITING_N = 0.05
+NO_FORCE_N = 0.02  # less is noise of the cell, and no contact
+_WAITING_N = 0.05  # where a gel without memory waits: the first touch takes the longest
 _MAP_SHARE = 0.5
 
 
@@ -132,23 +126,11 @@ class ImageOptions:
     # on a processor.
     device: str = "cpu"
 
-    def view(self, sensor: Sensor) -> tuple[CameraGeometry, float]:
-        """Return where the pixels of a twin's image look, and how large the blur is there [px]."""
-        whole = self.geometry or sensor.camera
-        share = min(1.0, self.width_px / whole.width)
-        return whole.refined(share), share * self.blur_px
-
 
 def twin_scene(scene: Scene) -> Scene:
     """Return a press as a twin presses it: preset fast on longer edges, for its force alone."""
-    return replace(
-        scene,
-        preset=Preset.FAST,
-        refinement=REFINEMENT,
-        tolerance=None,
-        output_tolerances=(),
-        outputs=frozenset(),
-    )
+    alone = replace(scene, tolerance=None, output_tolerances=(), outputs=frozenset())
+    return replace(alone, preset=Preset.FAST, refinement=REFINEMENT)
 
 
 class Follower:
@@ -180,7 +162,9 @@ class Follower:
             if len(self._path.model.elements) <= TETS_MAX:
                 break
         self._drawn_from = self._path.model.on(self._options.device)
-        self.view, self._blur_px = self._options.view(sensor)
+        whole = self._options.geometry or sensor.camera
+        share = min(1.0, self._options.width_px / whole.width)
+        self.view, self._blur_px = whole.refined(share), share * self._options.blur_px
         top, self._map_view = top_surface(self._path.model), self.view.refined(_MAP_SHARE)
         self._map_mesh, self._map_nodes = Delaunay(top.rest[:, :2]), top.sources
         self.stated_error = stated_force_error(self._scene, self._path, force_max_n)
@@ -250,10 +234,9 @@ class Follower:
     def _begin_anew(self) -> None:
         model = self._path.model
         self._path = path_for(self._scene, self._plan, model=model)
-        loosened = LOOSENED * self._path.options.residual_relative
-        self._path.options = replace(
-            self._path.options, residual_relative=loosened, load_relative=loosened
-        )
+        own = self._path.options
+        loosened = LOOSENED * own.residual_relative
+        self._path.options = replace(own, residual_relative=loosened, load_relative=loosened)
 
     def _shown(
         self, goal: Goal, point: PathPoint | None, note: str, *, solve_s: float, maps: bool
@@ -290,10 +273,7 @@ class Follower:
         return pressure, shear
 
     def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
-        device = Device(self._options.device)
-        images = self._images.images(
-            device.array(nodes[None], wp.vec3d),
-            device.array(np.asarray(tip)[None], wp.vec3d),
-            device.array(np.asarray(rotation)[None], wp.mat33d),
-        )
+        device, kinds = Device(self._options.device), (wp.vec3d, wp.vec3d, wp.mat33d)
+        placed = zip((nodes, tip, rotation), kinds, strict=True)
+        images = self._images.images(*(device.array(each[None], kind) for each, kind in placed))
         return np.array(images.numpy()[0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -20,12 +21,7 @@ from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profile
 from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.nominal_optics import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.markers.marker_tracking import (
-    PrintedMarkers,
-    find_markers,
-    follow_markers,
-    hidden_by,
-)
+from sim.optics.markers import marker_tracking
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
@@ -43,16 +39,17 @@ from tacauchy_rig.core.errors import ConfigError
 _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
-_TELLING = 251  # of a compressed range the last levels tell less than their noise
+TELLING = 251  # of a compressed range the last levels tell less than their noise
 BEYOND_RIM = 1.15
 STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
-# Differences that slopes are found by, and what ends a search, are shares of move plus the first.
-_SEARCH_PX, _DIFFERENCE_SHARE, _SETTLED_SHARE = 100.0, 3e-4, 1e-5
-_SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
+_SEARCH_PX = 100.0
+# Differences that slopes are found by, and what ends a search, are shares of the move plus this;
+# ``ftol`` is one of what is left over: 0.01 px change it by as much.
+_SEARCH: dict[str, Any] = {"diff_step": 3e-4, "xtol": 1e-5, "ftol": 1e-4, "max_nfev": 10}
 # Of a contact that nobody has labelled:
 _SMOOTHING_PX = 2.0
 _RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball
@@ -108,16 +105,10 @@ def seen_change(
     levels: ImageArray, expected: FloatArray, response: Response = LINEAR
 ) -> SeenChange:
     """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
-    top = _TELLING if response.bends else _BRIGHTEST
+    top = TELLING if response.bends else _BRIGHTEST
     light = response.light(np.minimum(levels, top).astype(np.float64))
-    return SeenChange(
-        change=light - response.light(expected), over=levels >= top, under=levels <= _DARKEST
-    )
-
-
-def light_weights(levels: ImageArray, response: Response) -> FloatArray:
-    """Return grey levels per unit of light of pixels, shape [n, 3]."""
-    return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
+    change = light - response.light(expected)
+    return SeenChange(change=change, over=levels >= top, under=levels <= _DARKEST)
 
 
 def exposed(levels: ImageArray) -> BoolArray:
@@ -143,14 +134,14 @@ class PressScene:
     background: FloatArray  # no-contact frame without markers, RGB levels, [height, width, 3]
     profile: GelProfile
     exponents: IntArray
-    markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
+    markers: marker_tracking.PrintedMarkers | None = None  # None where the frame shows none
     # dz/d(column) and dz/d(row) of the unloaded gel [1], [2, height, width]; None is level
     rest_slope: FloatArray | None = None
     lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 
     def over(self, unloaded: ImageArray) -> PressScene:
         """Return the scene over another no-contact frame, RGB."""
-        markers = find_markers(unloaded)
+        markers = marker_tracking.find_markers(unloaded)
         bare = unloaded if markers is None else markers.bare
         return replace(self, background=bare.astype(np.float64), markers=markers)
 
@@ -240,8 +231,8 @@ class PressScene:
         """Return a press with its markers followed, and where they hide the gel."""
         if self.markers is None:
             return press
-        tracks = follow_markers(self.markers, press.image)
-        return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
+        tracks = marker_tracking.follow_markers(self.markers, press.image)
+        return replace(press, tracks=tracks, hidden=marker_tracking.hidden_by(self.markers, tracks))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light, see ``light_at``, outside the contact.
@@ -277,14 +268,8 @@ class PressScene:
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
-        found = least_squares(
-            residual,
-            np.array(placed.circle.moved_from(circle)) + _SEARCH_PX,
-            diff_step=_DIFFERENCE_SHARE,
-            ftol=_SETTLED_MISFIT,
-            xtol=_SETTLED_SHARE,
-            max_nfev=10,
-        )
+        start = np.array(placed.circle.moved_from(circle)) + _SEARCH_PX
+        found = least_squares(residual, start, **_SEARCH)
         return _circle(label + found.x - _SEARCH_PX)
 
 
@@ -413,9 +398,8 @@ class _ContactChange:
         change = press.image - scene.background
         change = change - np.median(change[known], axis=0)  # that of the frame's light
         weight = ndimage.gaussian_filter(known.astype(np.float64), _SMOOTHING_PX)
-        smooth = ndimage.gaussian_filter(
-            np.where(known[..., None], change, 0.0), (_SMOOTHING_PX, _SMOOTHING_PX, 0.0)
-        )
+        change = np.where(known[..., None], change, 0.0)
+        smooth = ndimage.gaussian_filter(change, (_SMOOTHING_PX, _SMOOTHING_PX, 0.0))
         smooth = smooth / np.maximum(weight, 1e-3)[..., None]
         rows, columns = np.nonzero(known[::STRIDE, ::STRIDE])
         self._y, self._x = rows * float(STRIDE), columns * float(STRIDE)
@@ -439,15 +423,12 @@ class _ContactChange:
 
     def search(self, ball_radius_m: float) -> tuple[Circle, float]:
         """Return the contact that explains most, and how much it does."""
-        scale = self._geometry.mean_scale_m
-        searches = [
-            minimize(
-                lambda place: -self.explained(_circle(place)),
-                [*self.start, share * ball_radius_m / scale],
-                method="Nelder-Mead",
-                options={"xatol": _FOUND_PX},
-            )
-            for share in _RADII
-        ]
+
+        def missed(place: FloatArray) -> float:
+            return -self.explained(_circle(place))
+
+        scale, until = self._geometry.mean_scale_m, {"xatol": _FOUND_PX}
+        starts = ([*self.start, share * ball_radius_m / scale] for share in _RADII)
+        searches = [minimize(missed, s, method="Nelder-Mead", options=until) for s in starts]
         found = min(searches, key=lambda search: float(search.fun))
         return _circle(found.x), -float(found.fun)

@@ -6,19 +6,10 @@ from itertools import product
 
 import numpy as np
 
+from sim.optics.calibrate import circle_and_light as placing
 from sim.optics.calibrate import photometric_least_squares as fitting
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
-from sim.optics.calibrate.circle_and_light import (
-    BEYOND_RIM,
-    STRIDE,
-    PlacedPress,
-    PredictedPixels,
-    PressScene,
-    exposed,
-    light_at,
-    light_weights,
-    seen_change,
-)
+from sim.optics.calibrate.circle_and_light import PlacedPress, PredictedPixels, PressScene
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
 from sim.optics.colour.model_interface_and_response import LINEAR, Response
 from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
@@ -34,13 +25,10 @@ class Calibration:
     """What a set of presses gave."""
 
     model: PhotometricModel
-    # The scene with the no-contact frame averaged over all frames, which has less noise
-    scene: PressScene
+    scene: PressScene  # its no-contact frame is the mean of all frames, which has less noise
     circles: tuple[Circle, ...]  # nudged circles, in the order of the presses
-    # Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``
-    lights: FloatArray
-    # What the dents hide from the lamps; None where the sensor shows no shadows
-    shadows: ShadowCaster | None = None
+    lights: FloatArray  # of each frame, see ``light_at`` [grey levels], [press_count, 3, 3]
+    shadows: ShadowCaster | None = None  # None where the sensor shows none
     blur_px: float = 0.0  # standard deviation of the camera's blur [px]
     motion: MotionModel = ORTHOGRAPHIC
 
@@ -77,15 +65,12 @@ def calibrate_optics(
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
             placed[i] = replace(lit, circle=averaged.nudged(lit, model))
-        stride = 1 if turn == rounds - 1 else STRIDE  # until then no other pixels are looked at
+        # Until the last round no other pixels are looked at.
+        stride = 1 if turn == rounds - 1 else placing.STRIDE
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene, stride))
         model = fit_model(placed, averaged, model, settled=start is not None)
-    return Calibration(
-        model=model,
-        scene=averaged,
-        circles=tuple(each.circle for each in placed),
-        lights=np.array([each.light for each in placed]),
-    )
+    circles, lights = tuple(each.circle for each in placed), [each.light for each in placed]
+    return Calibration(model=model, scene=averaged, circles=circles, lights=np.array(lights))
 
 
 def fit_model(
@@ -135,13 +120,9 @@ def fit_model(
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
             known = fitted(None, terms, fitting.RIDGE)
-    if scene.lamp_count:
-        terms = fitting.fit_terms(
-            fitting.joined([each.through(response, known) for each in pressed]),
-            lamp_count=scene.lamp_count,
-            aspect=scene.aspect,
-            start=terms,
-        )
+    if lamp_count := scene.lamp_count:
+        seen = fitting.joined([each.through(response, known) for each in pressed])
+        terms = fitting.fit_terms(seen, lamp_count=lamp_count, aspect=scene.aspect, start=terms)
     return fitted(known, terms, ridge)
 
 
@@ -160,9 +141,9 @@ def averaged_no_contact(
     pixels = PredictedPixels(scene, model, columns, rows)
     for each in placed:
         image, circle = each.press.image[rows, columns], each.circle
-        level = image - light_at(each.light, position) - pixels.predict(circle)
-        outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        known = (outside & each.press.shown[rows, columns])[:, None] & exposed(image)
+        level = image - placing.light_at(each.light, position) - pixels.predict(circle)
+        outside = circle.distance(columns, rows) > placing.BEYOND_RIM * circle.radius_px
+        known = (outside & each.press.shown[rows, columns])[:, None] & placing.exposed(image)
         total += np.where(known, level, 0.0)
         count += known
     averaged[rows, columns] = total / count
@@ -216,9 +197,10 @@ class PressSamples:
         A model stands in for pixels that are too bright or too dark for the camera; without one
         they do not count.
         """
-        seen = seen_change(self._levels, self._expected, response)
+        seen = placing.seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self.unloaded), 1.0) / fitting.REFERENCE
-        change, weights = seen.change, gain * light_weights(self._levels, response)
+        telling = np.minimum(self._levels, placing.TELLING).astype(np.float64)
+        change, weights = seen.change, gain * response.slope(telling)
         if model is None:
             weights *= seen.exposed
         else:

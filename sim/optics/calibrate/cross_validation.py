@@ -243,14 +243,12 @@ def _camera_moved(
         moved += [shift] if peak > _LEAST_PEAK else []
     if 2 * len(moved) < len(rendered):
         return None
-    x, y = np.median(moved, axis=0).tolist()
-    return x, y
+    return tuple(np.median(moved, axis=0).tolist())
 
 
 def _detail(image: ImageArray) -> Float32Array:
-    fine, coarse = (
-        cv2.GaussianBlur(to_grey(image).astype(np.float32), (0, 0), s) for s in _DETAIL_PX
-    )
+    grey = to_grey(image).astype(np.float32)
+    fine, coarse = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in _DETAIL_PX)
     return np.asarray(fine - coarse, dtype=np.float32)
 
 

@@ -50,8 +50,7 @@ class RadialProfile:
     radius_m: FloatArray  # ascending distances from the ball's axis [m], shape [sample_count]
     tilt: FloatArray  # sine of the surface's angle, positive where it rises outwards, same shape
     indentation_m: FloatArray  # unloaded minus loaded height [m], same shape
-    # How far the gel that is there now has moved away from the axis [m], same shape
-    outward_m: FloatArray
+    outward_m: FloatArray  # by how much the gel now there has moved away from the axis [m]
 
     def outward(self, radius_m: FloatArray) -> FloatArray:
         """Return how far the gel at distances from the axis has moved away from it [m].
@@ -100,9 +99,8 @@ class PressedProfiles:
         radius, lower, upper = self._between[int(place)]
         scales = contact_radius_m ** np.array([1.0, 2.0, 2.0])
         tilt, depth, outward = scales[:, None] * ((1.0 - share) * lower + share * upper)
-        return RadialProfile(
-            radius_m=contact_radius_m * radius, tilt=tilt, indentation_m=depth, outward_m=outward
-        )
+        radius_m = contact_radius_m * radius
+        return RadialProfile(radius_m=radius_m, tilt=tilt, indentation_m=depth, outward_m=outward)
 
 
 def _side_by_side(*presses: tuple[float, RadialProfile]) -> list[FloatArray]:
@@ -131,12 +129,9 @@ def radial_profile(
     radius, depth = (ndimage.mean(each, ring, rings) for each in (r, maps.rest - maps.loaded))
     slope = -np.gradient(depth, radius)
     area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
-    return float(np.sqrt(area / np.pi)), RadialProfile(
-        radius_m=radius,
-        tilt=slope / np.hypot(1.0, slope),
-        indentation_m=depth,
-        outward_m=_moved_outward(surface, radius),
-    )
+    tilt, outward = slope / np.hypot(1.0, slope), _moved_outward(surface, radius)
+    profile = RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
+    return float(np.sqrt(area / np.pi)), profile
 
 
 def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
@@ -322,16 +317,12 @@ def fit_motions(
             last = np.concatenate([each[_OWN:, _OWN:] for each in triangles])
             found = np.maximum(np.linalg.lstsq(last[:, :2], last[:, 2], rcond=3e-5)[0], 0.0)
         left = [each[:_OWN, _OWN:] @ [*-found, 1.0] for each in triangles]
-        values = [
-            np.linalg.lstsq(each[:_OWN, :_OWN], rest, rcond=1e-9)[0]
-            for each, rest in zip(triangles, left, strict=True)
-        ]
+        pairs = zip(triangles, left, strict=True)
+        values = [np.linalg.lstsq(each[:_OWN, :_OWN], rest, rcond=1e-9)[0] for each, rest in pairs]
         apart = [a @ [*-x, *-found, 1.0] for a, x in zip(equations, values, strict=True)]
         errors = [np.hypot(*each[:-_OWN].reshape(-1, 2).T) for each in apart]
-        bounds = [
-            np.append(np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2), held) for d in errors
-        ]
-        weights = [each * bound for each, bound in zip(near, bounds, strict=True)]
+        bounds = (np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2) for d in errors)
+        weights = [t * np.append(bound, held) for t, bound in zip(near, bounds, strict=True)]
     motions = [
         GelMotion(own_px=np.asarray(x, dtype=np.float64), error_px=d, under=close)
         for x, d, close in zip(values, errors, under, strict=True)

@@ -18,17 +18,9 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import least_squares
 
+from sim.optics.colour import photometric
 from sim.optics.colour.model_interface_and_response import BRIGHTEST, LINEAR, Response
-from sim.optics.colour.photometric import (
-    BALL_EXPONENTS,
-    GRAZED_EXPONENTS,
-    NearLamp,
-    PhotometricModel,
-    ShadingTerms,
-    monomials,
-    polynomial_exponents,
-    shapes_and_places,
-)
+from sim.optics.colour.photometric import NearLamp, PhotometricModel, ShadingTerms
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -45,15 +37,15 @@ class PhotometricSamples:
     # no-contact frame
     shares: tuple[float, ...] = (1.0,)
     position: RealArray  # normalised pixel position, shape [2, n]
-    # Red, green and blue minus the no-contact colour [grey levels], shape [3, n]
-    change: RealArray
+    change: RealArray  # red, green, blue minus the no-contact colour [grey levels], [3, n]
     weights: RealArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
-        (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
-        shown = self._seen(lambda at: monomials(at[:2], self.position, at[2], shapes))
-        at_places = monomials(self.surface[0, :2], self.position, self.surface[0, 2], places)
+        (shapes, shape_of), (places, place_of) = photometric.shapes_and_places(exponents)
+        shown = self._seen(lambda at: photometric.monomials(at[:2], self.position, at[2], shapes))
+        middle = self.surface[0]
+        at_places = photometric.monomials(middle[:2], self.position, middle[2], places)
         return shown[shape_of] * at_places[place_of]
 
     def shading(self, terms: ShadingTerms | None) -> FloatArray:
@@ -148,7 +140,7 @@ _CLEARLY = 0.98  # of the misfit without a shoulder: noise alone is to bend no r
 def fit_photometric(
     presses: Sequence[PhotometricSamples],
     *,
-    exponents: IntArray = BALL_EXPONENTS,
+    exponents: IntArray = photometric.BALL_EXPONENTS,
     features: Sequence[FloatArray] | None = None,
     ridge: float | None = RIDGE,
     terms: ShadingTerms | None = None,
@@ -174,8 +166,10 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    held, grazed = np.ones(unknowns), np.array_equal(exponents, GRAZED_EXPONENTS)
-    if _span(presses) < (_WIDE_GRAZED if grazed else _WIDE):
+    held, grazed = np.ones(unknowns), np.array_equal(exponents, photometric.GRAZED_EXPONENTS)
+    places = [press.position.mean(axis=1) for press in presses]
+    span = float(np.ptp(places, axis=0).min()) / 2.0  # part of the width or height, the lesser
+    if span < (_WIDE_GRAZED if grazed else _WIDE):
         held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
     if ridge is None:  # shadows around a contact count as much as what is in it
         judged = parts if grazed else [*map(_contact, known, presses)]
@@ -192,12 +186,6 @@ def fit_photometric(
         reference=reference,
         provenance={"press_count": len(presses), "pixel_count": count, "ridge": ridge},
     )
-
-
-def _span(presses: Sequence[PhotometricSamples]) -> float:
-    """Return which part of the image's width and height, whichever is less, presses lie in."""
-    places = np.stack([press.position.mean(axis=1) for press in presses])
-    return float(np.ptp(places, axis=0).min()) / 2.0
 
 
 def _contact(features: FloatArray, press: PhotometricSamples) -> NormalEquations:
@@ -273,7 +261,7 @@ _HIGHEST = (0.9, 6.0, 0.5)
 _INSIDE = 1e-6  # of these bounds, where a search starts
 _EVALUATIONS, _SETTLED = 30, 1e-3  # the latter is of the misfit
 # Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
-_GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
+_GENTLE = photometric.polynomial_exponents(tilt_degree=2, position_degree=1)
 _RIDGE = 1e-6
 
 
@@ -298,12 +286,9 @@ def fit_terms(
         begin = np.array([*np.ravel(lamps), start.softness])
     low = np.array([-np.inf, *_LOWEST[:2]] * lamp_count + [_LOWEST[2]])
     high = np.array([np.inf, *_HIGHEST[:2]] * lamp_count + [_HIGHEST[2]])
+    begin = np.clip(begin, low + _INSIDE, high - _INSIDE)
     found = least_squares(
-        search.left_over,
-        np.clip(begin, low + _INSIDE, high - _INSIDE),
-        bounds=(low, high),
-        ftol=_SETTLED,
-        max_nfev=_EVALUATIONS,
+        search.left_over, begin, bounds=(low, high), ftol=_SETTLED, max_nfev=_EVALUATIONS
     )
     return search.terms(found.x)
 
@@ -315,7 +300,7 @@ class _Search:
     """
 
     def __init__(self, samples: PhotometricSamples, *, aspect: float, crease_limit: float) -> None:
-        self._samples, self._aspect, self._crease_limit = samples, aspect, crease_limit
+        self._samples, self._fixed = samples, {"aspect": aspect, "crease_limit": crease_limit}
         self._polynomial = samples.polynomial(_GENTLE)
         self._hold = float(np.sqrt(_RIDGE * samples.change.shape[1]))
 
@@ -325,12 +310,7 @@ class _Search:
             NearLamp(azimuth_rad=azimuth, elevation_rad=elevation, distance=distance)
             for azimuth, elevation, distance in numbers[:-1].reshape(-1, 3).tolist()
         )
-        return ShadingTerms(
-            lamps=lamps,
-            softness=float(numbers[-1]),
-            aspect=self._aspect,
-            crease_limit=self._crease_limit,
-        )
+        return ShadingTerms(lamps=lamps, softness=float(numbers[-1]), **self._fixed)
 
     def all_around(self, lamp_count: int) -> FloatArray:
         """Return the lamps, of some in every combination of directions, that explain most."""
@@ -339,7 +319,9 @@ class _Search:
             sums = NormalEquations.of(self._features(numbers), self._samples)
             return float(np.sum(sums.load * sums.solved(_RIDGE)))
 
-        return max(map(_around, combinations(_AZIMUTHS, lamp_count)), key=explained)
+        choices = combinations(_AZIMUTHS, lamp_count)
+        lamps = (np.ravel([(azimuth, *_START[:2]) for azimuth in each]) for each in choices)
+        return max((np.append(each, _START[2]) for each in lamps), key=explained)
 
     def left_over(self, numbers: FloatArray) -> FloatArray:
         """Return what is left of the samples' colours, and the coefficients' own size."""
@@ -350,8 +332,3 @@ class _Search:
 
     def _features(self, numbers: FloatArray) -> FloatArray:
         return np.concatenate([self._polynomial, self._samples.shading(self.terms(numbers))])
-
-
-def _around(azimuths: Sequence[float]) -> FloatArray:
-    """Return lamps in these directions, as numbers, where a search starts."""
-    return np.array([*np.ravel([(azimuth, *_START[:2]) for azimuth in azimuths]), _START[2]])

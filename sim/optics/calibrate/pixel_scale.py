@@ -35,8 +35,7 @@ _FEWEST, _APART_M = 4, 1e-4  # points that fix a scale, and how far from one lin
 class TargetPoints:
     """Points of a target that an image shows."""
 
-    # From the target's middle, x along its rows, y down its columns [m], [n, 2]
-    positions_m: FloatArray
+    positions_m: FloatArray  # from its middle, x along rows, y down columns [m], [n, 2]
     pixels: FloatArray  # column and row [px], shape [n, 2]
     wanted: int
 
@@ -85,9 +84,8 @@ def _charuco(
             remedy="give both as printed",
         )
     board = cv2.aruco.CharucoBoard((columns, rows), square, marker, _markers(dictionary))
-    return BoardTarget(
-        board, cv2.aruco.CharucoDetector(board).detectBoard, (columns - 1) * (rows - 1)
-    )
+    detect = cv2.aruco.CharucoDetector(board).detectBoard
+    return BoardTarget(board, detect, (columns - 1) * (rows - 1))
 
 
 def _aruco(
@@ -224,10 +222,8 @@ class ScaleFit:
 
     geometry: CameraGeometry
     residual_px: float  # root mean square distance of the fitted from the labelled centres [px]
-    # Departure of the pixel axes from a right angle that the geometry cannot express
-    shear_rad: float
-    # Standard error of the scales in x and y, from the residuals [m/px]
-    scale_error_m: tuple[float, float]
+    shear_rad: float  # of the pixels' axes from a right angle; the geometry cannot express it
+    scale_error_m: tuple[float, float]  # standard error in x and y, from the residuals [m/px]
     rotation_error_rad: float  # standard error of the rotation, from the residuals [rad]
     centre_error_px: float  # standard error of the centre, from the residuals [px]
 
@@ -254,8 +250,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
         positions_m: Commanded x, y of each press from the gel's centre, or of each point from the
             target's middle [m], shape [n, 2].
         pixels: Column, row of each contact's centre or point [px], shape [n, 2].
-        width: Columns of the image [px].
-        height: Rows of the image [px].
+        width, height: Of the image [px].
 
     Raises:
         ConfigError: Fewer than four presses, or all of them on one line.

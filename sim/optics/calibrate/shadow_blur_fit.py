@@ -6,7 +6,7 @@ without those.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations, product
@@ -16,19 +16,14 @@ import cv2
 import numpy as np
 from pydantic import TypeAdapter
 
+from sim.optics.calibrate import photometric_least_squares as fitting
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.circle_and_light import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.calibrate.colour_fit import Calibration, PressSamples, calibrate_optics, fit_model
 from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
-from sim.optics.calibrate.photometric_least_squares import (
-    REFERENCE,
-    fit_photometric,
-    joined,
-    lowest_place,
-)
 from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.render.lamp_rays import darkening, lost_share
-from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
+from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -166,21 +161,18 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
         lost = np.stack([-_blurred(share, found.blur_px)[at] for share in shares])
         slopes = seen[-1].polynomial(scene.exponents), seen[-1].shading(model.terms)
         features.append(np.concatenate([*slopes, lost]))
-    together = fit_photometric(
+    together = fitting.fit_photometric(
         seen,
         exponents=scene.exponents,
         features=features,
         ridge=None,
         terms=model.terms,
         response=model.response,
-        reference=REFERENCE,
+        reference=fitting.REFERENCE,
     )
     own, colours = np.split(together.term_coefficients, [model.terms.count])
-    return replace(
-        found,
-        model=replace(together, term_coefficients=own),
-        shadows=_with_colours(shadows, colours),
-    )
+    fitted = replace(together, term_coefficients=own)
+    return replace(found, model=fitted, shadows=_with_colours(shadows, colours))
 
 
 def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
@@ -200,10 +192,11 @@ def _fitted(
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
     best, misfit = lost.coloured(replace(best, lamps=near))
     for step in steps:
-        moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
-        for (move, index), by in product(moves, (-step, step)):
+        names = ("azimuth_rad", "elevation_rad", "distance_m")
+        moves = [*product(names, range(len(best.lamps))), ("spread", 0)]
+        for (name, index), by in product(moves, (-step, step)):
             while True:
-                tried, error = lost.coloured(_moved(best, move, index, by))
+                tried, error = lost.coloured(_moved(best, name, index, by))
                 if error >= misfit:
                     break
                 best, misfit = tried, error
@@ -220,11 +213,16 @@ class _LostLight:
     def __init__(self, placed: Sequence[PlacedPress], found: Calibration) -> None:
         scene, model = found.scene, found.model
         self._geometry = scene.geometry.refined(1.0 / _COARSE)
-        self._dents = np.stack([_coarse_gel(scene, each.circle) for each in placed])
+        height, width = scene.background.shape[:2]
+        size = (width // _COARSE, height // _COARSE)
+        gels = (scene.pressed_image(each.circle)[:3].astype(np.float32) for each in placed)
+        area = cv2.INTER_AREA
+        small = [[cv2.resize(each, size, interpolation=area) for each in gel] for gel in gels]
+        self._dents = np.array(small)  # tilt (2) and bulge [m], shape [press, 3, height, width]
         self._blur_px = found.blur_px / _COARSE
         pressed = [PressSamples(scene, each, blur_px=found.blur_px) for each in placed]
         self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
-        seen = joined([each.through(model.response, model) for each in pressed])
+        seen = fitting.joined([each.through(model.response, model) for each in pressed])
         features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
         self._weights, self._features = seen.weights, features
         hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
@@ -282,12 +280,8 @@ class _LostLight:
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
     """Return colours, none below zero, that solve normal equations, and what they change.
 
-    Args:
-        normal: Of red, green and blue, shape [3, lamp_count, lamp_count].
-        load: Shape [3, lamp_count].
-
-    Returns:
-        Colours, shape [lamp_count, 3].
+    The equations have the shapes [3, lamp_count, lamp_count] and [3, lamp_count], colours
+    [lamp_count, 3].
     """
     pairs = zip(normal, load, strict=True)
     colours = np.maximum([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs], 0.0)
@@ -295,35 +289,16 @@ def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
     return colours.T, float(change)
 
 
-def _coarse_gel(scene: PressScene, circle: Circle) -> Float32Array:
-    """Return tilt (2) and bulge [m] of a press at coarse pixels, shape [3, height, width]."""
-    height, width = scene.background.shape[:2]
-    size = (width // _COARSE, height // _COARSE)
-    fine = scene.pressed_image(circle)[:3].astype(np.float32)
-    return np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in fine])
-
-
-def _turned(lamp: Lamp, by_rad: float) -> Lamp:
-    return replace(lamp, azimuth_rad=lamp.azimuth_rad + by_rad)
-
-
-def _raised(lamp: Lamp, by: float) -> Lamp:
-    raised_rad = lamp.elevation_rad * math.exp(by)
-    return replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
-
-
-def _removed(lamp: Lamp, by: float) -> Lamp:
-    away_m = lamp.distance_m
-    return lamp if away_m is None else replace(lamp, distance_m=away_m * math.exp(by))
-
-
-def _moved(
-    shadows: ShadowCaster, move: Callable[[Lamp, float], Lamp] | None, index: int, by: float
-) -> ShadowCaster:
-    """Move a lamp; without a move, change how large all are."""
-    if move is None:
+def _moved(shadows: ShadowCaster, name: str, index: int, by: float) -> ShadowCaster:
+    """Change a lamp's azimuth by an angle, its elevation or distance by a factor, or the spread."""
+    if name == "spread":
         return replace(shadows, spread=shadows.spread * math.exp(4.0 * by))
-    lamps = [move(lamp, by) if i == index else lamp for i, lamp in enumerate(shadows.lamps)]
+    lamps = list(shadows.lamps)
+    value = getattr(lamps[index], name)
+    value = value + by if name == "azimuth_rad" else value * math.exp(by)
+    if name == "elevation_rad":
+        value = min(max(value, _LOWEST_RAD), _HIGHEST_RAD)
+    lamps[index] = replace(lamps[index], **{name: value})
     return replace(shadows, lamps=lamps)
 
 
@@ -403,10 +378,8 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     for each in placed:
         press, circle = each.press, each.circle
         reach = _REACH * circle.radius_px + _MARGIN_PX
-        window = tuple(
-            slice(max(0, int(middle - reach)), int(middle + reach) + 2)
-            for middle in (circle.y_px, circle.x_px)
-        )
+        spans = ((int(at - reach), int(at + reach) + 2) for at in (circle.y_px, circle.x_px))
+        window = tuple(slice(max(0, first), end) for first, end in spans)
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]
@@ -419,4 +392,4 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         misfit += [np.abs(seen - blurred)[known].sum() for blurred in blurs]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
-    return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)
+    return 0.0 if at_an_end else fitting.lowest_place(_TRIED_PX, misfit)

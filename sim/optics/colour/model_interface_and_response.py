@@ -77,8 +77,7 @@ class PixelColours:
     response: Response = LINEAR
     # What a lamp's colour is multiplied by where it is hidden, shape like ``light``; None is 1
     gain: RealArray | None = None
-    # From the samples' tilts and indentations to the mean change of light of pixels
-    kernel: Any = None
+    kernel: Any = None  # from tilts and indentations of samples to pixels' mean change of light
     inputs: Sequence[Any] = ()  # of the kernel, but for samples
     function: SampleColours | None = None  # in place of a kernel
 

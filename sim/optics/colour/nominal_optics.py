@@ -14,14 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim.optics.colour import photometric
 from sim.optics.colour.model_interface_and_response import ColourModel, PixelColours
-from sim.optics.colour.photometric import (
-    BALL_EXPONENTS,
-    GRAZED_EXPONENTS,
-    MOST_LAMPS,
-    PhotometricModel,
-    polynomial_exponents,
-)
 from sim.sensor.lamps_and_optics import Lamp, Renderer, grey_levels
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, IntArray
@@ -36,13 +30,13 @@ _STEEPEST_TILT = 0.9  # that an expansion to fourth order is drawn at
 _ROOT = {(2, 0): 1 / 2, (0, 2): 1 / 2, (4, 0): 1 / 8, (2, 2): 1 / 4, (0, 4): 1 / 8}
 
 
-def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
+def nominal_photometric(lamps: Sequence[Lamp]) -> photometric.PhotometricModel:
     """Build the model of a matte surface: each lamp adds colour times cos(angle of incidence).
 
     With tilt t the cosine is cos(elevation) t.d + sin(elevation) sqrt(1 - |t|^2); the root is
     expanded to fourth order. Lamps on every side keep the gel lit, so shadows are left out.
     """
-    exponents = polynomial_exponents(tilt_degree=4, position_degree=0)
+    exponents = photometric.polynomial_exponents(tilt_degree=4, position_degree=0)
     row = {(int(a), int(b)): i for i, (a, b, _, _, _) in enumerate(exponents)}
     coefficients = np.zeros((len(exponents), 3))
     for lamp in lamps:
@@ -52,7 +46,7 @@ def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
         coefficients[row[0, 1]] += across * colour
         for term, weight in _ROOT.items():
             coefficients[row[term]] -= facing * weight * colour
-    return PhotometricModel(
+    return photometric.PhotometricModel(
         exponents=exponents,
         coefficients=coefficients,
         tilt_limit=_STEEPEST_TILT,
@@ -73,14 +67,14 @@ def exponents_for(sensor: Sensor) -> IntArray:
             "cannot be calibrated",
             remedy="leave the calibration out, or give this renderer the terms that are fitted",
         )
-    grazed = exponents is BALL_EXPONENTS and sensor.optics.shadows is not None
-    return GRAZED_EXPONENTS if grazed else exponents
+    grazed = exponents is photometric.BALL_EXPONENTS and sensor.optics.shadows is not None
+    return photometric.GRAZED_EXPONENTS if grazed else exponents
 
 
 def lamp_count_of(sensor: Sensor) -> int:
     """Return how many lamps a calibration looks for: as many as the file names, by colour only."""
     lamps = sensor.optics.lamps if sensor.optics.renderer.sees_slope else ()
-    return min(len(lamps), MOST_LAMPS)
+    return min(len(lamps), photometric.MOST_LAMPS)
 
 
 def nominal_model(sensor: Sensor) -> ColourModel:
@@ -102,12 +96,12 @@ def _read(_table: Mapping[str, Any], lamps: tuple[Lamp, ...], _origin: str) -> C
     return nominal_photometric(lamps) if lamps else None
 
 
-PHOTOMETRIC = Renderer(read=_read, optional=("shadow_softness", "source"), exponents=BALL_EXPONENTS)
-
-
-GREY_EXPONENTS = polynomial_exponents(
-    tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
+PHOTOMETRIC = Renderer(
+    read=_read, optional=("shadow_softness", "source"), exponents=photometric.BALL_EXPONENTS
 )
+
+
+GREY_EXPONENTS = photometric.polynomial_exponents(0, 0, indentation_degree=4)
 
 
 @dataclass(frozen=True, slots=True)

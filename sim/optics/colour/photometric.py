@@ -45,7 +45,6 @@ _DIGITS = 16 ** np.arange(5)  # of a number for each term: no exponent reaches 1
 
 
 def polynomial_exponents(
-    *,
     tilt_degree: int,
     position_degree: int,
     indentation_degree: int = 0,
@@ -73,16 +72,7 @@ def polynomial_exponents(
 
 def _bent(*degrees: tuple[int, int, int, int]) -> IntArray:
     """List terms once, by degrees of tilt, place, indentation, and of tilt beside indentation."""
-    parts = [
-        polynomial_exponents(
-            tilt_degree=tilt,
-            position_degree=place,
-            indentation_degree=deep,
-            indentation_tilt_degree=deep_tilt,
-        )
-        for tilt, place, deep, deep_tilt in degrees
-    ]
-    return np.unique(np.concatenate(parts), axis=0)
+    return np.unique(np.concatenate([polynomial_exponents(*each) for each in degrees]), axis=0)
 
 
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
@@ -111,26 +101,6 @@ def monomials(
     return values
 
 
-def evaluate_polynomial(
-    exponents: IntArray,
-    coefficients: FloatArray,
-    tilt: RealArray,
-    position: RealArray,
-    indentation_m: RealArray,
-) -> RealArray:
-    """Return the polynomials' values, shape [3, point_count], in the precision of ``tilt``.
-
-    Terms that differ in place only share the rest.
-    """
-    (shapes, shape_of), (places, place_of) = shapes_and_places(exponents)
-    weights = np.zeros((len(places), 3, len(shapes)), dtype=tilt.dtype)
-    weights[place_of, :, shape_of] = coefficients
-    at = tilt, position, indentation_m
-    by_place = weights.reshape(-1, len(shapes)) @ monomials(*at, shapes)
-    by_place = by_place.reshape(len(places), 3, -1)
-    return np.asarray(np.einsum("kn,kcn->cn", monomials(*at, places), by_place))
-
-
 def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
     """Return terms' factors of the surface, and of position: each once, and which each term has."""
     parts = exponents * (1, 1, 0, 0, 1), exponents * (0, 0, 1, 1, 0)
@@ -138,18 +108,18 @@ def shapes_and_places(exponents: IntArray) -> list[tuple[IntArray, IndexArray]]:
     return [(part[first], which) for part, (_, first, which) in zip(parts, found, strict=True)]
 
 
-def degrees_of_tilt(exponents: IntArray) -> IntArray:
-    """Return the highest degree of tilt at powers of u (falling) and indentation; -1 is none."""
+def row_weights(
+    exponents: IntArray, coefficients: FloatArray, v: RealArray
+) -> tuple[IntArray, Float32Array]:
+    """Return the terms as the kernel comes to them.
+
+    They are the highest degree of tilt at powers of u (falling) and indentation, -1 for none, and
+    the coefficients of each row of pixels, shape [row, term, 3].
+    """
     along, deep = exponents[:, 2], exponents[:, 4]
     degrees = np.full((along.max(initial=0) + 1, deep.max(initial=0) + 1), -1, dtype=np.int32)
     np.maximum.at(degrees, (along, deep), exponents[:, 0] + exponents[:, 1])
-    return degrees[::-1]
-
-
-def row_weights(
-    exponents: IntArray, coefficients: FloatArray, degrees: IntArray, v: RealArray
-) -> Float32Array:
-    """Return each row's coefficients as the kernel comes to the terms, shape [row, term, 3]."""
+    degrees = degrees[::-1]
     order = [
         (a, b, len(degrees) - 1 - c, e)
         for c, row in enumerate(degrees.tolist())
@@ -161,7 +131,7 @@ def row_weights(
     weights = np.zeros((len(v), len(order), 3))
     for (a, b, c, d, e), levels in zip(exponents.tolist(), coefficients, strict=True):
         weights[:, place[a, b, c, e]] += (v.astype(np.float64) ** d)[:, None] * levels
-    return weights.astype(np.float32)
+    return degrees, weights.astype(np.float32)
 
 
 MOST_LAMPS = 6
@@ -259,8 +229,7 @@ class PhotometricModel:
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
-    # Largest tilt that the coefficients hold for; steeper surfaces are drawn as this steep
-    tilt_limit: float = 1.0
+    tilt_limit: float = 1.0  # that the coefficients hold for; steeper surfaces are drawn so steep
     indentation_limit_m: float = math.inf  # largest that the coefficients were fitted to [m]
     terms: ShadingTerms | None = None  # lamps and creases, not bounded by the limit of tilt
     # Grey levels of red, green, blue for each of them, shape [count, 3]
@@ -298,8 +267,14 @@ class PhotometricModel:
         """
         steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
         bounded = np.asarray(tilt * (self.tilt_limit / np.maximum(steepness, self.tilt_limit)))
-        depth = np.minimum(indentation_m, self.indentation_limit_m)
-        change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
+        at = bounded, position, np.minimum(indentation_m, self.indentation_limit_m)
+        # Terms that differ in place only share the rest.
+        (shapes, shape_of), (places, place_of) = shapes_and_places(self.exponents)
+        weights = np.zeros((len(places), 3, len(shapes)), dtype=bounded.dtype)
+        weights[place_of, :, shape_of] = self.coefficients
+        by_place = weights.reshape(-1, len(shapes)) @ monomials(*at, shapes)
+        by_place = by_place.reshape(len(places), 3, -1)
+        change = np.asarray(np.einsum("kn,kcn->cn", monomials(*at, places), by_place))
         if self.terms is not None:
             creases = np.zeros_like(indentation_m) if curvature is None else curvature
             values = self.terms.values(tilt, position, creases)
@@ -336,8 +311,7 @@ class PhotometricModel:
         from sim.optics.colour.colour_kernel import Colours  # noqa: PLC0415 - Warp
 
         terms = self.terms
-        degrees = degrees_of_tilt(self.exponents)
-        weights = row_weights(self.exponents, self.coefficients, degrees, v)
+        degrees, weights = row_weights(self.exponents, self.coefficients, v)
         return filled(
             Colours,
             tilt_limit=self.tilt_limit,

@@ -27,14 +27,8 @@ from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.saved_press import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
+from sim.optics.height import pixel_height_kernel as by_pixel
 from sim.optics.height import slope_kernel as kernels
-from sim.optics.height.pixel_height_kernel import (
-    BARE_M,
-    View,
-    bound_heights,
-    draw_facets,
-    fill_bare,
-)
 from sim.scene.indenter import Indenter, IndenterSet, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -92,17 +86,14 @@ def height_maps(
         device.array(surface.indenter_position[None], wp.vec3d),
         device.array(surface.indenter_rotation[None], wp.mat33d),
     )
-    shape = geometry.height, geometry.width
-    if np.isnan(loaded.numpy()).any():
+    shape, found = (geometry.height, geometry.width), (loaded, drawing.rest_m, contact)
+    height, rest, touched = (each.numpy().reshape(shape) for each in found)
+    if np.isnan(height).any():
         raise ConfigError(
             "the deformed surface covers no pixel, though the unloaded one does",
             remedy="check that the press ended with finite positions in the pad's frame",
         )
-    return HeightMaps(
-        loaded=loaded.numpy().reshape(shape),
-        rest=drawing.rest_m.numpy().reshape(shape),
-        contact=contact.numpy().reshape(shape) > 0,
-    )
+    return HeightMaps(loaded=height, rest=rest, contact=touched > 0)
 
 
 def gap_left(contact_gap_m: float, standoff_m: float) -> float:
@@ -140,7 +131,15 @@ class SurfaceHeights:
     ) -> None:
         self._count, self._device = count, Device(device)
         self._size = (geometry.height, geometry.width)
-        self._view = _view(geometry)
+        towards = geometry.direction_matrix
+        self._view = filled(
+            by_pixel.View,
+            columns=geometry.width,
+            rows=geometry.height,
+            centre=wp.vec2d(geometry.centre_x_px, geometry.centre_y_px),
+            towards=wp.mat22d(*towards.reshape(-1)),
+            back=wp.mat22d(*np.linalg.inv(towards).reshape(-1)),
+        )
         bound: Indenter | IndenterSet
         if isinstance(indenter, IndenterSet):
             bodies = tuple(grown(body, standoff_m) for body in indenter.bodies)
@@ -206,7 +205,7 @@ class SurfaceHeights:
         taken = [self._gel, device.array(nodes, wp.vec3d)]
         device.launch(kernels.take_nodes, (1, len(top.rest)), taken, [canvas])
         self._draw_nodes(1)
-        if canvas.heights.numpy()[0].min() >= BARE_M:
+        if canvas.heights.numpy()[0].min() >= by_pixel.BARE_M:
             raise ConfigError(
                 f"the gel's surface covers none of the {self._size[1]} x {self._size[0]} pixels",
                 remedy="check the camera's centre and mm per pixel, and that the mesh is in metres",
@@ -233,37 +232,25 @@ class SurfaceHeights:
         gel, canvas, launch = self._gel, self._canvas, self._device.launch
         canvas.sums.zero_()
         launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
-        canvas.heights.fill_(float(BARE_M))
+        canvas.heights.fill_(float(by_pixel.BARE_M))
         canvas.pressed.zero_()
         faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
         whole = _GPU_LANES if self._device.is_gpu else 1
         for first, end, lanes in (0, faces, whole), (faces, parts, 1):
             shape = (count, (end - first) * facets, lanes)
-            launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
+            launch(by_pixel.draw_facets, shape, [gel, self._view, first, lanes], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
         for by_columns in (True, False):
             lines = (count, self._size[int(by_columns)])
-            self._device.launch(fill_bare, lines, [self._view, by_columns], [self._canvas])
+            self._device.launch(by_pixel.fill_bare, lines, [self._view, by_columns], [self._canvas])
         inputs = [self._gel, self._view, self._body, poses, self._canvas]
-        self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
+        self._device.launch(by_pixel.bound_heights, (count, *self._size), inputs, outputs)
 
 
 def _length(table: Any) -> int:
     """Return the length of a table, which a mesh that calls for none has not."""
     return 0 if table is None else len(table)
-
-
-def _view(geometry: CameraGeometry) -> Any:
-    towards = geometry.direction_matrix
-    return filled(
-        View,
-        columns=geometry.width,
-        rows=geometry.height,
-        centre=wp.vec2d(geometry.centre_x_px, geometry.centre_y_px),
-        towards=wp.mat22d(*towards.reshape(-1)),
-        back=wp.mat22d(*np.linalg.inv(towards).reshape(-1)),
-    )
 
 
 _SAME_RADIUS_M = 1e-9
@@ -338,11 +325,10 @@ def cut_face() -> tuple[FloatArray, FloatArray, IntArray]:
     parts' nodes, shape [16, 6].
     """
     places = list(_FACE_NODES)
+    unit = np.eye(3, dtype=np.int64)
     for a, b in FACE_EDGES:
-        for step in _ON_EDGE:
-            place = [0, 0, 0]
-            place[a], place[b] = _EIGHTHS - step, step
-            places.append((place[0], place[1], place[2]))
+        on_edge = (_EIGHTHS * unit[a] + step * (unit[b] - unit[a]) for step in _ON_EDGE)
+        places += [tuple(place.tolist()) for place in on_edge]
     inner = [(a, b, _EIGHTHS - a - b) for a in range(1, _EIGHTHS) for b in range(1, _EIGHTHS - a)]
     places += [place for place in inner if place not in places]
     number = {place: index for index, place in enumerate(places)}
@@ -386,19 +372,9 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
     inner = len(values) - 6 - 3 * count
     own = count * len(first) + np.arange(len(faces) * inner).reshape(-1, inner)
     added = np.concatenate([on_edges.reshape(-1, 3 * count), own], axis=1)
-    place_of = np.broadcast_to(6 + np.arange(added.shape[1]), added.shape)
-    face_of = np.broadcast_to(np.arange(len(faces))[:, None], added.shape)
-    _, at = np.unique(added, return_index=True)
-    face, place = face_of.reshape(-1)[at], place_of.reshape(-1)[at]
-    on_edge = place < 6 + 3 * count
-    beside = np.where(on_edge, across[face, np.where(on_edge, (place - 6) // count, 0)], -1)
+    face, place = np.divmod(np.unique(added, return_index=True)[1], added.shape[1])
+    beside = np.column_stack([across, np.full(len(faces), -1)])[face, np.minimum(place // count, 3)]
     nodes = np.concatenate([faces, node_count + added], axis=1)
-    return {
-        "parts": np.concatenate([faces, nodes[:, parts].reshape(-1, 6)]),
-        "values": values,
-        "straight": straight,
-        "across": across,
-        "face": face,
-        "beside": beside,
-        "place": place,
-    }
+    parts = np.concatenate([faces, nodes[:, parts].reshape(-1, 6)])
+    cut: dict[str, AnyArray] = {"parts": parts, "values": values, "straight": straight}
+    return cut | {"across": across, "face": face, "beside": beside, "place": 6 + place}

@@ -82,30 +82,25 @@ class Gel:
     are drawn round.
     """
 
-    # Node of the model that each drawn one is, or mirrors, shape [node_count]
-    sources: wp.array(dtype=wp.int32)
+    sources: wp.array(dtype=wp.int32)  # node of the model that each is, or mirrors, [node_count]
     signs: wp.array(dtype=wp.vec3d)  # of its coordinates
     lifts: wp.array(dtype=wp.float64)  # by what the pad's top lies higher at rest [m]
     faces: wp.array2d(dtype=wp.int32)  # nodes of each face, shape [face_count, 6 or 3]
-    # Nodes of the faces, then of the sixteen parts of each, the same width
-    parts: wp.array2d(dtype=wp.int32)
-    # Corners of a part's linear facets among its nodes, shape [4 or 1, 3]
-    facets: wp.array2d(dtype=wp.int32)
+    parts: wp.array2d(dtype=wp.int32)  # nodes of the faces, then of the sixteen parts of each
+    facets: wp.array2d(dtype=wp.int32)  # corners of a part's among its nodes, shape [4 or 1, 3]
     standoff: wp.float64  # by how much what bounds the gel is larger than the indenter [m]
     gap: wp.float64  # largest gap between gel and what bounds it that counts as touching [m]
     # Shape functions of a face at the places of a cut one, shape [place_count, 6]
     values: wp.array2d(dtype=wp.float64)
     # how far a place moves, seen from above, with the bend of each edge drawn straight
     straight: wp.array2d(dtype=wp.float64)
-    # The face across each edge, -1 at the border, shape [face_count, 3]
-    across: wp.array2d(dtype=wp.int32)
+    across: wp.array2d(dtype=wp.int32)  # face over each edge, -1 is none, shape [face_count, 3]
     face: wp.array(dtype=wp.int32)  # a face of each node that cutting adds
     beside: wp.array(dtype=wp.int32)  # the other one of a node on an edge, -1 where there is none
     place: wp.array(dtype=wp.int32)  # which place of ``face`` it is
     axis: wp.vec2d  # of the rings, x and y [m]
     angle: wp.array(dtype=wp.float64)  # about the axis at rest of the nodes [rad]
-    # Nodes in the middle of chords, shape [ring_count, sector_count]
-    between: wp.array2d(dtype=wp.int32)
+    between: wp.array2d(dtype=wp.int32)  # nodes amid chords, shape [ring_count, sector_count]
     on_rays: wp.array2d(dtype=wp.int32)  # nodes at the ends of chords, the same shape
     # Of radius, turn and height of those in the middle in theirs, shape [ring_count, sector_count,
     # sector_count]
@@ -122,10 +117,8 @@ class Canvas:
     states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``AT_RIM``
     steep: wp.array2d(dtype=wp.int32)  # 1 for a face that is cut
     heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
-    # 1 for a pixel of a facet that touches with all its corners
-    pressed: wp.array2d(dtype=wp.uint8)
-    # Height of the unloaded surface by pixel [m]; of no environment
-    rest: wp.array(dtype=wp.float64)
+    pressed: wp.array2d(dtype=wp.uint8)  # 1 for pixels of a facet whose corners all touch
+    rest: wp.array(dtype=wp.float64)  # height of the unloaded surface by pixel [m], of all
 
 
 @wp.kernel(enable_backward=False)

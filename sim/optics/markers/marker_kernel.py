@@ -21,10 +21,7 @@ class Points:
 
 @wp.kernel(enable_backward=False)
 def see_points(
-    points: Points,
-    positions: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    pixel_out: wp.array3d(dtype=wp.float32),
+    points: Points, positions: wp.array2d(dtype=wp.vec3d), pixel_out: wp.array3d(dtype=wp.float32)
 ):
     """Project points that moved; what comes nearer to the camera moves away from its axis."""
     env, i = wp.tid()
@@ -56,11 +53,7 @@ def _between(values: wp.array2d(dtype=Any), x: wp.float32, y: wp.float32):
 
 @wp.kernel(enable_backward=False)
 def motion_of(
-    spacing: wp.float32,
-    # Data in:
-    seen: wp.array3d(dtype=wp.float32),
-    # Data out:
-    moved_out: wp.array3d(dtype=wp.vec2f),
+    spacing: wp.float32, seen: wp.array3d(dtype=wp.float32), moved_out: wp.array3d(dtype=wp.vec2f)
 ):
     """Take a lattice's places at rest from where its points are seen [px]."""
     env, i, j = wp.tid()
@@ -72,11 +65,7 @@ def motion_of(
 
 @wp.kernel(enable_backward=False)
 def came_from(
-    spacing: wp.float32,
-    # Data in:
-    moved: wp.array3d(dtype=wp.vec2f),
-    # Data out:
-    motion_out: wp.array3d(dtype=wp.vec2f),
+    spacing: wp.float32, moved: wp.array3d(dtype=wp.vec2f), motion_out: wp.array3d(dtype=wp.vec2f)
 ):
     """Turn the motion of gel from points of a lattice into that of the gel now seen there [px]."""
     env, i, j = wp.tid()

@@ -6,6 +6,7 @@ pattern that is darker than the gel is found: grids, irregular dots, dense speck
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -13,14 +14,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from tacauchy_rig.core.arrays import (
-    AnyArray,
-    BoolArray,
-    Float32Array,
-    FloatArray,
-    ImageArray,
-    RealArray,
-)
+from tacauchy_rig.core.arrays import BoolArray, Float32Array, FloatArray, ImageArray, RealArray
 from tacauchy_rig.core.image_codec import to_grey
 
 _WIDEST = 1.0 / 8.0  # of the image's height: what is wider is no marker
@@ -44,23 +38,19 @@ class PrintedMarkers:
     bare: ImageArray  # the frame without its markers, likewise
     dark: Float32Array  # colour of the ink [grey levels], shape [3]
     # How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and blue differ
-    # from ink and gel mixed so [grey levels], shape [height, width, 4]
-    print: Float32Array
-    # The same between pixels too, by cubic interpolation, [2 height - 1, 2 width - 1, 4]: drawn
-    # anywhere, it is hardly blurred
+    # from ink and gel mixed so [grey levels]; also between pixels, by cubic interpolation: drawn
+    # anywhere, it is hardly blurred, shape [2 height - 1, 2 width - 1, 4]
     fine: Float32Array
     mask: BoolArray  # true on the markers and a little beyond, shape [height, width]
     centres_px: FloatArray  # column and row of each marker at rest [px], shape [n, 2]
 
-    def over(self, image: AnyArray, motion_px: RealArray | None = None) -> FloatArray:
-        """Return an image of the bare gel, shape [height, width, 3], with the markers over it.
+    def over(self, image: RealArray, motion_px: RealArray | None = None) -> FloatArray:
+        """Return RGB of the bare gel [grey levels], [height, width, 3], with the markers over it.
 
-        Args:
-            image: RGB [grey levels].
-            motion_px: By how much the gel that each pixel sees has moved, along columns and rows
-                [px], shape [2, height, width]; None is gel at rest.
+        The gel that each pixel sees has moved along columns and rows by ``motion_px`` [px], shape
+        [2, height, width]; None is gel at rest.
         """
-        printed: AnyArray = self.print
+        printed: Any = self.fine[::FINE, ::FINE]
         if motion_px is not None:
             rows, columns = np.indices(self.mask.shape, dtype=np.float32)
             x = (FINE * (columns - motion_px[0])).astype(np.float32)
@@ -77,8 +67,7 @@ class MarkerTracks:
 
     rest_px: FloatArray  # column and row of their centres at rest [px], shape [n, 2]
     motion_px: FloatArray  # along columns and rows [px], shape [n, 2]
-    # Standard error of each component, from what two windows differ by [px], [n]
-    error_px: FloatArray
+    error_px: FloatArray  # standard error of each component, by how two windows differ [px], [n]
     lost: int  # markers at rest that were not found again
 
 
@@ -88,9 +77,8 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     A make of sensor is sold with and without them, so the frame decides.
     """
     taken = ink_taken(frame)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        (taken > _EDGE_SHARE).astype(np.uint8)
-    )
+    inked = (taken > _EDGE_SHARE).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(inked)
     widest = _widest_px(frame)
     area, sides = stats[:, cv2.CC_STAT_AREA], stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
     darkest = ndimage.maximum(taken, labels, np.arange(count))
@@ -110,23 +98,16 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     cover = np.where(mask > 0, np.clip(cover, 0.0, 1.0), 1.0)[..., None]
     centres = ndimage.center_of_mass(taken.astype(np.float64), labels, np.flatnonzero(kept))
     printed = np.concatenate([cover, seen - dark - cover * contrast], axis=2).astype(np.float32)
+    y, x = np.indices([FINE * (n - 1) + 1 for n in mask.shape], dtype=np.float32) / FINE
+    fine = cv2.remap(printed, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return PrintedMarkers(
         frame=frame,
         bare=bare,
         dark=dark.astype(np.float32),
-        print=printed,
-        fine=_finer(printed),
+        fine=np.asarray(fine, dtype=np.float32),
         mask=mask > 0,
         centres_px=np.array(centres)[:, ::-1],
     )
-
-
-def _finer(printed: Float32Array) -> Float32Array:
-    height, width = (FINE * (size - 1) + 1 for size in printed.shape[:2])
-    y, x = np.indices((height, width), dtype=np.float32) / FINE
-    border = cv2.BORDER_REPLICATE
-    finer = cv2.remap(printed, x, y, cv2.INTER_CUBIC, borderMode=border)
-    return np.asarray(finer, dtype=np.float32)
 
 
 def ink_taken(image: ImageArray) -> Float32Array:
@@ -147,8 +128,8 @@ def follow_markers(printed: PrintedMarkers, loaded: ImageArray) -> MarkerTracks:
 
     What disagrees with its neighbours, is hidden, or looks otherwise is lost.
     """
-    before, after = (_levels(ink_taken(image)) for image in (printed.frame, loaded))
-    rest = printed.centres_px
+    rest, taken = printed.centres_px, [ink_taken(image) for image in (printed.frame, loaded)]
+    before, after = (np.clip(each * 255.0, 0.0, 255.0).astype(np.uint8) for each in taken)
     moved, error = _flow(before, after, rest)
     found = ~_off_neighbours(rest, moved)
     return MarkerTracks(
@@ -156,25 +137,18 @@ def follow_markers(printed: PrintedMarkers, loaded: ImageArray) -> MarkerTracks:
     )
 
 
-def _levels(taken: Float32Array) -> ImageArray:
-    return np.asarray(np.clip(taken * 255.0, 0.0, 255.0), dtype=np.uint8)
-
-
 def _flow(before: ImageArray, after: ImageArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return motions [px] and their standard errors [px]; not a number where none was found."""
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)
-    size: dict[str, Any] = {
-        "winSize": (_WINDOW_PX, _WINDOW_PX),
-        "maxLevel": _LEVELS,
-        "criteria": stop,
-    }
-    here, use = rest.astype(np.float32), cv2.OPTFLOW_USE_INITIAL_FLOW
-    there, seen, unlike = cv2.calcOpticalFlowPyrLK(
-        before, after, here, here.copy(), flags=use, **size
+    flow: Any = partial(
+        cv2.calcOpticalFlowPyrLK,
+        winSize=(_WINDOW_PX, _WINDOW_PX),
+        maxLevel=_LEVELS,
+        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    back, seen_back, _ = cv2.calcOpticalFlowPyrLK(
-        after, before, there, here.copy(), flags=use, **size
-    )
+    here = rest.astype(np.float32)
+    there, seen, unlike = flow(before, after, here, here.copy())
+    back, seen_back, _ = flow(after, before, there, here.copy())
     apart = np.linalg.norm(back - here, axis=1)
     good = (seen.ravel() > 0) & (seen_back.ravel() > 0) & (apart < _THERE_AND_BACK_PX)
     good &= unlike.ravel() < _UNLIKE_LEVELS

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-import cv2
 import numpy as np
 import warp as wp
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sim.device import Device
@@ -47,13 +47,9 @@ class SeenPoints:
         facets = linear_facets(top.faces)
         chosen, weights = _cover(top.rest[facets][..., :2], points, beside=beside)
         corners = facets[chosen]
-        tables = {
-            "nodes": top.sources[corners],
-            "signs": top.signs[corners],
-            "rest": top.rest[corners],
-            "weights": weights,
-            "rest_px": geometry.to_pixels(points),
-        }
+        tables = {"nodes": top.sources[corners], "signs": top.signs[corners]}
+        tables |= {"rest": top.rest[corners], "rest_px": geometry.to_pixels(points)}
+        tables["weights"] = weights
         self._points = on.tables(
             kernels.Points,
             tables,
@@ -158,10 +154,9 @@ class MarkerPrinter:
             top, geometry.to_pad(pixels), geometry, count=count, device=device, beside=True
         )
         shape = (count, *self._size)
-        self._moved: Any = on.zeros(shape, wp.vec2f)
-        self._motion: Any = on.zeros(shape, wp.vec2f)
+        self._moved, self._motion = (on.zeros(shape, wp.vec2f) for _ in range(2))
         self._ink: Any = on.array(markers.fine, wp.vec4f)
-        self._inked: Any = on.array(_inked(markers.print, self._size), wp.uint8)
+        self._inked: Any = on.array(_inked(markers.fine[::FINE, ::FINE]), wp.uint8)
         self._dark = wp.vec3f(*markers.dark.tolist())
 
     def over(self, images: Any, positions: Any) -> None:
@@ -185,17 +180,13 @@ class MarkerPrinter:
         return np.asarray(printed.numpy()[0])
 
 
-def _inked(printed: Float32Array, lattice: tuple[int, int]) -> ImageArray:
+def _inked(printed: Float32Array) -> ImageArray:
     """Return 1 for the cells of a lattice of points that have ink or a neighbour with ink."""
-    rows, columns = lattice[0] - 1, lattice[1] - 1
     changed = (printed != (1.0, 0.0, 0.0, 0.0)).any(axis=2)
-    short = [
-        (0, _SPACING_PX * n - size) for n, size in zip((rows, columns), changed.shape, strict=True)
-    ]
-    cells = np.pad(changed, short).reshape(rows, _SPACING_PX, columns, _SPACING_PX).any(axis=(1, 3))
-    return np.asarray(
-        cv2.dilate(np.asarray(cells, dtype=np.uint8), np.ones((3, 3), np.uint8)), dtype=np.uint8
-    )
+    whole = np.pad(changed, [(0, -size % _SPACING_PX) for size in changed.shape])
+    cells = np.maximum.reduceat(whole, range(0, len(whole), _SPACING_PX), axis=0)
+    cells = np.maximum.reduceat(cells, range(0, whole.shape[1], _SPACING_PX), axis=1)
+    return np.asarray(ndimage.binary_dilation(cells, np.ones((3, 3))), dtype=np.uint8)
 
 
 def marker_places(grid: MarkerGrid) -> FloatArray:

@@ -98,12 +98,7 @@ def lay_out_samples(
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def continue_samples(
-    layout: Layout,
-    lanes: wp.int32,
-    # Data in and out:
-    values: wp.array(dtype=wp.float32),
-):
+def continue_samples(layout: Layout, lanes: wp.int32, values: wp.array(dtype=wp.float32)):
     """Go on linearly by a sample beyond all borders: differences are one-sided there."""
     image, n = wp.tid()
     rows, columns = layout.rows * layout.samples, layout.columns * layout.samples
@@ -123,9 +118,7 @@ def continue_samples(
 def tilt_samples(
     layout: Layout,
     first: wp.int32,
-    # Data in:
     height: wp.array2d(dtype=Any),
-    # Data out:
     along_out: wp.array(dtype=Any),
     across_out: wp.array(dtype=Any),
 ):

@@ -99,9 +99,8 @@ class BlockMemory:
         block, size = BLOCK_TYPES[lanes], np.dtype(np.float32).itemsize
         room = -(-reach // CPU_LANES) * CPU_LANES  # blocks stay aligned
         channel = block_count * lanes
-        self._memory: Any = wp.zeros(
-            channel_count * channel + 2 * room, dtype=wp.float32, device=device
-        )
+        whole = channel_count * channel + 2 * room
+        self._memory: Any = wp.zeros(whole, dtype=wp.float32, device=device)
         begin = self._memory.ptr + size * room
         shape = (channel_count, block_count)
         self.single: Any = wp.array(

@@ -13,8 +13,7 @@ from sim.optics.pixels.blur_and_exposure_kernel import Layout, place_of
 
 start_warp()
 
-# Below everything that a ray may meet, over its distance [1].
-_NOTHING = wp.constant(wp.float32(-1.0e3))
+_NOTHING = wp.constant(wp.float32(-1.0e3))  # below all that a ray may meet, over its distance
 
 
 @wp.struct
@@ -55,12 +54,7 @@ class Rays:
 
 @wp.kernel(enable_backward=False, module="unique")
 def turn_dents(
-    rays: Rays,
-    first: wp.int32,
-    # Data in:
-    dent: wp.array(dtype=wp.float32),
-    # Data out:
-    turned_out: wp.array(dtype=Any),
+    rays: Rays, first: wp.int32, dent: wp.array(dtype=wp.float32), turned_out: wp.array(dtype=Any)
 ):
     """Interpolate indentations where rays cross columns or rows.
 
@@ -89,12 +83,7 @@ def turn_dents(
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def follow_rays(
-    rays: Rays,
-    first: wp.int32,
-    # Data in and out:
-    turned: wp.array(dtype=Any),
-):
+def follow_rays(rays: Rays, first: wp.int32, turned: wp.array(dtype=Any)):
     """Follow rays from the lamp on; put how much of it is hidden, 0 to 1, in indentations' place.
 
     The ray that the gel has cut off farthest, by its slope, is the one in which gel stands next;

@@ -37,11 +37,10 @@ class HiddenLamp:
     def __init__(
         self, lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, dent: Any, lanes: int
     ) -> None:
-        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, str(dent.device))
+        device = str(dent.device)
+        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, device)
         step_count = len(rays.starts)
-        self.hidden = BlockMemory(
-            1, dent.shape[0] * step_count * rays.pitch, lanes, str(dent.device)
-        )
+        self.hidden = BlockMemory(1, dent.shape[0] * step_count * rays.pitch, lanes, device)
         values = self.hidden.blocks[0]
         self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
             (turn_dents, step_count, (rays.pitch,), [dent.flatten(), values]),
@@ -124,9 +123,7 @@ def lost_share(
 ) -> Float32Array:
     """Return the share of a lamp's light that dents take away, shape [count, height, width].
 
-    Args:
-        bulge: Of each dent [m], shape [count, height, width].
-        tilt: Shape [count, 2, height, width].
+    Bulges [m] have this shape, tilts the shape [count, 2, height, width].
     """
     device = Device("cpu")
     dent = device.array(bulge, wp.float32)

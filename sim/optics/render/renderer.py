@@ -70,16 +70,14 @@ class TactileRenderer:
         _check_shape("unloaded height map", rest_height.shape, (fine.height, fine.width))
         on_cpu = not Device(device).is_gpu
         self._rest_height = rest_height
-        self._blocks = PixelBlocks(
-            geometry=geometry,
-            samples=samples,
-            device=device,
-            lanes=CPU_LANES if on_cpu else GPU_LANES,
-        )
+        lanes = CPU_LANES if on_cpu else GPU_LANES
+        self._blocks = PixelBlocks(geometry=geometry, samples=samples, device=device, lanes=lanes)
         rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
         frame = background.astype(np.float32).transpose(2, 0, 1)
         self._colours = model.over(frame, self._blocks)
-        self._weights = gaussian_weights(blur_px)
+        size = round(2.0 * _REACH * blur_px + 1.0) | 1  # odd: the pixel itself is in the middle
+        weights = cv2.getGaussianKernel(size, blur_px, cv2.CV_32F)[:, 0]
+        self._weights = np.asarray(weights, dtype=np.float32)
         self._images = partial(_Images, self._blocks, rest, self._colours, shadows, self._weights)
         self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
         self._base = self._colours.light - self._blurred_change_at_rest()
@@ -117,9 +115,8 @@ class TactileRenderer:
         self._run(images.to_change)
         change = images.change.pixels(self._blocks).transpose(1, 2, 0)
         weights = self._weights
-        blurred = cv2.sepFilter2D(
-            change, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REFLECT_101
-        )
+        mirror = cv2.BORDER_REFLECT_101
+        blurred = cv2.sepFilter2D(change, cv2.CV_32F, weights, weights, borderType=mirror)
         return np.asarray(blurred.transpose(2, 0, 1), dtype=np.float32)
 
     def _run(self, stages: Sequence[Sequence[Task]]) -> None:
@@ -164,9 +161,8 @@ class _Images:
 
     def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
         layout, count = self._layout, self._count
-        self._dents, self._height, self._along, self._across = (
-            layout.planes(count) for _ in range(4)
-        )
+        planes = [layout.planes(count) for _ in range(4)]
+        self._dents, self._height, self._along, self._across = planes
         self._kept = [rest, *colours.inputs]
 
         def go_on(planes: BlockMemory) -> list[Task]:
@@ -213,10 +209,7 @@ class _Images:
         light = [hidden.rays, wp.vec3f(*lamp.colour), gain]
         samples = [hidden.hidden.single[0], self._along.blocks[0], self._across.blocks[0]]
         return [
-            *(
-                self._in_parts(kernel, hidden.rays, count, inner, inputs)
-                for kernel, count, inner, inputs in hidden.stages
-            ),
+            *(self._in_parts(hidden.rays, *stage) for stage in hidden.stages),
             self._by_blocks(darken_pixels, [*light, *samples, self.change.blocks]),
         ]
 
@@ -233,17 +226,17 @@ class _Images:
         expose = [taps, room, knee, base_blocks, blurred.shifted, self.bytes]
         return [
             self._by_blocks(kernels.blur_columns, [taps, room, self.change.blocks, blurred.blocks]),
-            self._in_parts(kernels.mirror_ends, layout.layout(), rows, (3,), mirror),
+            self._in_parts(layout.layout(), kernels.mirror_ends, rows, (3,), mirror),
             self._by_blocks(kernels.expose_pixels, expose),
         ]
 
     def _by_blocks(self, kernel: Any, inputs: list[Any]) -> list[Task]:
         layout = self._layout
         rows, blocks = layout.geometry.height, layout.row_blocks
-        return self._in_parts(kernel, layout.layout(), rows, (blocks,), inputs)
+        return self._in_parts(layout.layout(), kernel, rows, (blocks,), inputs)
 
     def _in_parts(
-        self, kernel: Any, layout: Any, count: int, inner: tuple[int, ...], inputs: list[Any]
+        self, layout: Any, kernel: Any, count: int, inner: tuple[int, ...], inputs: list[Any]
     ) -> list[Task]:
         """Record a launch over images, rows (or rays) and what is in them, a part a thread."""
         parts = 1 if self._device.is_gpu else _CPU_THREADS
@@ -261,15 +254,6 @@ def nominal_renderer(
     even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
     ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
     return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)
-
-
-def gaussian_weights(sigma_px: float) -> Float32Array:
-    """Return the weights of a pixel and its neighbours in a row or column, their sum 1.
-
-    The pixel itself is in the middle; a standard deviation of 0 px leaves it alone.
-    """
-    size = round(2.0 * _REACH * sigma_px + 1.0) | 1
-    return np.asarray(cv2.getGaussianKernel(size, sigma_px, cv2.CV_32F)[:, 0], dtype=np.float32)
 
 
 def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:

@@ -15,8 +15,7 @@ from pydantic import TypeAdapter
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import EndState, end_state, path_for
-from sim.fields.contact_moment_and_area import contact_measures
-from sim.fields.pressure_and_shear import surface_traction
+from sim.fields.pressure_and_shear import contact_measures, surface_traction
 from sim.fields.saved_press import surface_state
 from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
@@ -192,7 +191,7 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         depth_m=point.depth_m if corrected is None else corrected.depth_m,
         bias=0.0 if corrected is None else corrected.bias_relative,
         pressure_max_pa=float(surface_traction(model, point).pressure_pa.max()),
-        contact_radius_m=float(np.sqrt(contact_measures(path, point).area_seen_m2 / np.pi)),
+        contact_radius_m=float(np.sqrt(contact_measures(model, point).area_seen_m2 / np.pi)),
         maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         path=path,
     )

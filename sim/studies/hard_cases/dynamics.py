@@ -4,8 +4,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from sim.fields.contact_moment_and_area import contact_measures
 from sim.fields.contact_signature import contact_signature
+from sim.fields.pressure_and_shear import contact_measures
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.scene.pad import DiscPad
@@ -104,7 +104,7 @@ def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
     torques = [0.0]
     for _ in range(round(turn_deg / step_deg)):
         point = path.carry(twist_rad=float(np.radians(step_deg)))
-        torques.append(-float(contact_measures(path, point).moment_nm[2]))
+        torques.append(-float(contact_measures(path.model, point).moment_nm[2]))
         ratio_min = min(ratio_min, point.equilibrium.min_jacobian)
     kink = float(np.abs(np.diff(torques, n=2)).max() / max(torques))
     return Outcome(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim.contact.surface_and_grip import State
-from sim.fields.contact_moment_and_area import contact_measures
+from sim.fields.pressure_and_shear import contact_measures
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOptions
@@ -192,7 +192,7 @@ def force_balance() -> Outcome:
         for depth in (0.5 * _DEPTH_M, _DEPTH_M):
             point = path.advance(depth)
             worst = max(worst, small_pads.balance_relative(model, point))
-            gap = min(gap, contact_measures(path, point).gap_min_m)
+            gap = min(gap, contact_measures(model, point).gap_min_m)
             count += 1
     slide = slide_and_return()
     worst, gap = max(worst, slide["balance_relative"]), min(gap, slide["gap_min_m"])
@@ -248,7 +248,7 @@ def slide_and_return() -> dict[str, float]:
         work -= 0.5 * float((before.force_n + point.force_n) @ travel)
         lost.append(_dissipation(before, point))
         balances.append(small_pads.balance_relative(model, point))
-        gaps.append(contact_measures(path, point).gap_min_m)
+        gaps.append(contact_measures(path.model, point).gap_min_m)
     return {
         "balance_relative": max(balances),
         "gap_min_m": min(gaps),

@@ -11,7 +11,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from sim.effects.presets import build_model
-from sim.fields.contact_moment_and_area import contact_measures
+from sim.fields.pressure_and_shear import contact_measures
 from sim.mesh.cached_tet_mesh import TetMesh, smallest_dihedral_deg
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.press import press
@@ -235,7 +235,7 @@ def _pressed_at(scene: Scene) -> Measured:
     for depth in DEPTHS_M:
         point = path.advance(depth)
         balance = max(balance, small_pads.balance_relative(model, point))
-        gap = min(gap, contact_measures(path, point).gap_min_m)
+        gap = min(gap, contact_measures(model, point).gap_min_m)
         forces.append(float(point.force_n[2]))
     return {
         "force_n": forces[-1],
