@@ -24,7 +24,7 @@ from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.force_sensor.sri_protocol import (
+from drivers.force_sensor.sri_m3733c import (
     LINE_END,
     Reply,
     decode_command,
