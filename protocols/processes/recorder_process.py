@@ -15,8 +15,7 @@ from protocols.processes.ipc import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic, encode
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter, Topic, encode
 from tacauchy_rig.core.store.run_store import RunStore
 
 NICENESS = -5

@@ -13,14 +13,14 @@ from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.recording.mcap_messages import (
+from tacauchy_rig.core.store.recording.mcap_reader import Recording
+from tacauchy_rig.core.store.recording.mcap_writer import (
     ARM_STATES,
     POSE_FIELDS,
     TCP_FORCE_FIELDS,
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
 )
-from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
 from tacauchy_rig.core.time_limit_and_progress import doing

@@ -32,7 +32,7 @@ from tacauchy_rig.app.importing import lerobot
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
-from tacauchy_rig.core.store.recording.mcap_messages import POSE_FIELDS, WRENCH_FIELDS
+from tacauchy_rig.core.store.recording.mcap_writer import POSE_FIELDS, WRENCH_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore, pack_array
 
 IMAGE, WRENCH = "observation.images.tactile", "observation.wrench"
