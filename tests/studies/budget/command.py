@@ -24,8 +24,8 @@ from tacauchy_rig.app.cli.output import (
     show_table,
     write_json,
 )
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs, variations
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs, variations
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.force_depth_curve import ForceDepthCurve

@@ -26,8 +26,8 @@ from sim.scene.scene import ContactMode
 from sim.scene.scene_parsing import parse_indenter
 from sim.tilt_sensitivity import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map
