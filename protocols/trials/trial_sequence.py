@@ -7,8 +7,7 @@ from protocols.control.cycle import Cycle
 from protocols.control.record_entries_and_rates import Journal
 from protocols.guard.breach_reaction import BreachError
 from protocols.steps.preflight import press_air, run_preflight
-from protocols.trials.attempt_and_criteria import PlannedTrial
-from protocols.trials.repeat_attempts import do_step, press_until_passed
+from protocols.trials.attempt_and_criteria import PlannedTrial, do_step, press_until_passed
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_sensor_gain import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
