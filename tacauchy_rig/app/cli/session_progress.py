@@ -9,8 +9,8 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.time_left import TimeLeft
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.app.cli.live_viewing import open_in_browser
 from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.core.config.settings import RigConfig
