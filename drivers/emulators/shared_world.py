@@ -24,8 +24,7 @@ from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_controller_check import probe_controller
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
+from drivers.emulators.plant.truth import TRUTH_FILE, CylinderTip, SphereTip, Tip, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
