@@ -249,8 +249,8 @@ def _press_confirmed(
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator_prompts import confirm
-    from tacauchy_rig.app.session.expected_force import kept_expectation
     from tacauchy_rig.app.session.record_run_and_weight_check import (
+        kept_expectation,
         missed_lines,
         needs_weight,
         require_bounded_force,
@@ -302,8 +302,7 @@ def press(
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
     from tacauchy_rig.app.cli.session_progress import SessionProgress
-    from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_run_and_weight_check import record_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import kept_expectation, record_run
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
