@@ -15,7 +15,6 @@ from typing import Any
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.config.stated_uncertainty import Stated
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.force_sensor_gain import ForceHistory
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import (
@@ -27,7 +26,7 @@ from tacauchy_rig.core.run import (
     Imported,
     TrialRecord,
 )
-from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
+from tacauchy_rig.core.simulated import ForceDepthCurve, ReplayModel, ReplayTrial, model_of
 
 PressKey = tuple[float, int, int]
 """Force [N], or zero and a number of its own, and the kind of a press."""

@@ -12,10 +12,9 @@ from reports.evidence.intermediate_states import intermediate_states
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
-from tacauchy_rig.core.simulated import Replay, model_of
+from tacauchy_rig.core.simulated import ForceDepthCurve, Replay, model_of
 from tacauchy_rig.core.store.check.attempt_files_check import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.journal import read_journal

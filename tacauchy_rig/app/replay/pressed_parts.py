@@ -36,10 +36,9 @@ from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.simulated import REPLAY_NAME, Replay
+from tacauchy_rig.core.simulated import REPLAY_NAME, ForceDepthCurve, Replay
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields

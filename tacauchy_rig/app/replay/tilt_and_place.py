@@ -20,9 +20,8 @@ from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.simulated import FoundValue
+from tacauchy_rig.core.simulated import ForceDepthCurve, FoundValue
 
 TAKEN_FROM = 2.0
 """A value within this many of its standard uncertainties of zero is taken as zero."""
