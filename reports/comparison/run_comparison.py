@@ -8,7 +8,7 @@ from reports.comparison.report_criteria import judge_model, judge_modulus, judge
 from reports.comparison.result_types import RunStatistics, TrialResult, ValidationReport
 from reports.comparison.verdict_sentences import abstract_of, limits_of, read_scores, verdict_of
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence
-from reports.scores import floor_and_ceiling as bounds
+from reports.scores import image_metrics as bounds
 from reports.scores import wrong_forces
 from reports.scores.confidence_interval import MeanInterval, t_interval
 from reports.scores.contact_scores import score_contact, touched
