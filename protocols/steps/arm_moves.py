@@ -1,13 +1,17 @@
-"""Straight moves of the arm, and coming to rest, watched at every turn."""
+"""Straight moves of the arm, coming to rest, and the safe end after a fault or an abort."""
 
+import logging
 import math
+from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.guard.breach_reaction import BreachError, Reaction
+from protocols.control.record_entries_and_rates import Journal
+from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.workspace_and_speed import describe
 from protocols.steps.tare_and_force_window import listen
-from tacauchy_rig.core.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
+from tacauchy_rig.core.run import ArmSample, Phase, Pose, Vector6
 
 ARRIVED_M = 0.0005
 REST_SPEED_M_S = 2e-5
@@ -102,3 +106,142 @@ def retract(cycle: Cycle, *, contact_z_m: float) -> None:
     listen(cycle, cycle.config.limits.stale_force)
     cycle.force_guard.contact = Contact.NONE
     move_to(cycle, home_pose(cycle), speed=speed)
+
+
+logger = logging.getLogger(__name__)
+
+REST_S = 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafeEnd:
+    """Where the arm was left, in a sentence for the operator too."""
+
+    text: str
+    # From the stop command to the first state at rest [ms]; None where the robot could not be seen
+    # to rest.
+    stop_ms: float | None
+    peak_force_n: float  # largest force from the stop on [N]
+    pose: Pose | None  # last pose that was seen
+
+
+def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:
+    """Stop at once, then do what ``reaction`` allows. Raises nothing of its own."""
+    if reaction is Reaction.PROTECTIVE_STOP:
+        _lock(cycle)
+    cycle.stop()
+    stop_ns = cycle.rig.clock.now_ns()
+    cycle.force_guard.contact = Contact.LEAVING
+    cycle.witness.rest()
+    stop_ms, peak_n, worst = _watch_rest(cycle, stop_ns)
+    if worst is not None and worst.reaction is not reaction:
+        if worst.reaction is Reaction.PROTECTIVE_STOP:
+            _lock(cycle)
+        if reaction is not Reaction.PROTECTIVE_STOP:
+            reaction = worst.reaction
+    if reaction is Reaction.RETRACT:
+        text = _leave_gel(cycle)
+    elif reaction is Reaction.PROTECTIVE_STOP:
+        text = "The arm is in a protective stop; a person has to unlock it"
+    else:
+        text = "The arm was told to stop and to hold"
+    pose = cycle.last_state.pose if cycle.last_state else None
+    where = f"; the tip was last seen at {describe(pose)}" if pose else ""
+    return SafeEnd(text=f"{text}{where}.", stop_ms=stop_ms, peak_force_n=peak_n, pose=pose)
+
+
+def end_safely(cycle: Cycle, journal: Journal, error: RigError, *, of: str = "") -> None:
+    """Make the arm safe after ``error``, keep how that went, and tell it in the error's message."""
+    reaction, phase, force_n = reaction_to(error), journal.phase, cycle.last_force_n
+    journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
+    end = make_safe(cycle, reaction)
+    journal.enter(Phase.FAULT)
+    journal.write(
+        "abort" if isinstance(error, AbortedError) else "fault",
+        limit=error.limit if isinstance(error, BreachError) else "",
+        reason=error.message,
+        during=phase.value,
+        reaction=reaction.value,
+        force_n=force_n,
+        peak_force_n=end.peak_force_n,
+        stop_ms=end.stop_ms,
+        position_m=list(end.pose.position) if end.pose else None,
+        arm=end.text,
+    )
+    error.message = f"{error.message} during {phase.value}{of}. {end.text}"
+
+
+def _lock(cycle: Cycle) -> None:
+    try:
+        cycle.rig.arm.protective_stop()
+    except DeviceError as error:
+        logger.error("no protective stop: %s", error)
+
+
+def _watch_rest(cycle: Cycle, stop_ns: int) -> tuple[float | None, float, BreachError | None]:
+    peak_n = abs(cycle.last_force_n)
+    rested_ms: float | None = None
+    worst: BreachError | None = None
+    deadline_ns = stop_ns + round(REST_S * 1e9)
+    while cycle.rig.clock.now_ns() < deadline_ns:
+        breach = _turn(cycle)
+        is_locked = worst is not None and worst.reaction is Reaction.PROTECTIVE_STOP
+        if breach is not None and breach.reaction is not Reaction.RETRACT and not is_locked:
+            worst = breach
+        peak_n = max(peak_n, abs(cycle.last_force_n))
+        state = cycle.last_state
+        is_new = state is not None and state.stamp_ns > stop_ns
+        if rested_ms is None and state is not None and is_new and is_at_rest(state):
+            rested_ms = (state.stamp_ns - stop_ns) * 1e-6
+    return rested_ms, peak_n, worst
+
+
+def _turn(cycle: Cycle) -> BreachError | None:
+    try:
+        cycle.turn()
+    except BreachError as breach:
+        return breach
+    except AbortedError:
+        pass
+    return None
+
+
+def _leave_gel(cycle: Cycle) -> str:
+    state = cycle.last_state
+    clear_m = clear_height(cycle)
+    if state is None:
+        return "The arm stopped"
+    height_m = state.pose.position[2]
+    if height_m >= clear_m:
+        return "The arm stopped clear of the gel"
+    speed = min(SLOW_M_S, cycle.config.robot.retract_speed)
+    try:
+        _go_up(cycle, state.pose.shifted(z=clear_m - height_m), speed)
+    except BreachError as breach:
+        cycle.stop()
+        logger.warning("no retract: %s", breach.message)
+        return f"The arm stopped, but the retract ended early ({breach.message})"
+    except AbortedError:
+        cycle.stop()
+        return "The arm stopped and, asked a second time, holds where it is"
+    return "The arm stopped and retracted slowly off the gel"
+
+
+def _go_up(cycle: Cycle, target: Pose, speed: float) -> None:
+    cycle.start_move(target, speed=speed)
+    rise_m = target.position[2] - (cycle.last_state.pose.position[2] if cycle.last_state else 0.0)
+    deadline_ns = cycle.rig.clock.now_ns() + round((2.0 * rise_m / speed + 2.0) * 1e9)
+    while cycle.is_moving():
+        try:
+            reading_ns = cycle.turn().now_ns
+        except BreachError as breach:
+            if breach.reaction is not Reaction.RETRACT:
+                raise
+            reading_ns = cycle.rig.clock.now_ns()
+        if reading_ns > deadline_ns:
+            raise BreachError(
+                "robot: the retract took too long",
+                limit="robot.arrival",
+                reaction=Reaction.HOLD,
+                remedy="see the pendant",
+            )

@@ -9,11 +9,18 @@ from protocols.control.cycle import Cycle
 from protocols.control.record_entries_and_rates import Begin, End, Journal, RateMeter
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
-from protocols.steps.arm_moves import ARRIVED_M, approach, clear_height, home_pose, move_to, retract
+from protocols.steps.arm_moves import (
+    ARRIVED_M,
+    approach,
+    clear_height,
+    end_safely,
+    home_pose,
+    move_to,
+    retract,
+)
 from protocols.steps.contact_search import search_contact
 from protocols.steps.force_servo_hold_sway import PressDrive, hold, press_to_target, settle, sway
 from protocols.steps.preflight import press_air, run_preflight
-from protocols.steps.safe_end import end_safely
 from protocols.steps.tare_and_force_window import (
     force_drift,
     judge_tare,
