@@ -17,8 +17,8 @@ from protocols.steps.arm_moves import (
     home_pose,
     move_to,
     retract,
+    search_contact,
 )
-from protocols.steps.contact_search import search_contact
 from protocols.steps.force_servo_hold_sway import PressDrive, hold, press_to_target, settle, sway
 from protocols.steps.preflight import press_air, run_preflight
 from protocols.steps.tare_and_force_window import (
