@@ -20,8 +20,15 @@ from functools import partial
 import numpy as np
 
 from reports.evidence.evidence_types import TrialImages
-from reports.scores.contact_scores import image_change, rectangle_around, relative_residual, touched
-from reports.scores.pose_and_light_residual import register_changes, shift_change, smooth_change
+from reports.scores.contact_scores import (
+    image_change,
+    rectangle_around,
+    register_changes,
+    relative_residual,
+    shift_change,
+    smooth_change,
+    touched,
+)
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
 

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.scores.contact_scores import image_change, touched_by
-from reports.scores.pose_and_light_residual import register_changes
+from reports.scores.contact_scores import image_change, register_changes, touched_by
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
