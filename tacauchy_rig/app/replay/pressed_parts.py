@@ -31,8 +31,8 @@ from sim.replay import (
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Target
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
-from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
+from tacauchy_rig.app.replay.simulator_inputs import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import RecordError
