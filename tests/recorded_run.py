@@ -6,7 +6,7 @@ from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
 
-from drivers.camera.touch_detection import TouchWatch
+from drivers.camera.frame_checks import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from protocols.control.cycle import Cycle

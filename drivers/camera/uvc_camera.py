@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from drivers.camera.choice import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
-from drivers.camera.jpeg_checks import jpeg_size
+from drivers.camera.frame_checks import jpeg_size
 from drivers.camera.uncompressed_frames import RECORDED_AS, RollWatch, encoded, frame_shape, is_jpeg
 from drivers.camera.v4l2_modes import Offer, PixelFormat, VideoMode, modes_for, read_offer
 from drivers.interfaces import MANUAL_EXPOSURE, DeviceIdentity, StreamHealth

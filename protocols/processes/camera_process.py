@@ -8,8 +8,7 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.jpeg_checks import clipped_ratio
-from drivers.camera.touch_detection import TouchWatch
+from drivers.camera.frame_checks import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
 from protocols.control.record_entries_and_rates import Begin
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child

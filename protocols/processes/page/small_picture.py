@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from drivers.camera.jpeg_checks import jpeg_size
+from drivers.camera.frame_checks import jpeg_size
 from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg
 
 WIDEST_PX = 1000
