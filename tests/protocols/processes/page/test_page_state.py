@@ -9,7 +9,7 @@ import pytest
 
 from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
-from protocols.processes.page.small_picture import WIDEST_PX, reduced
+from protocols.processes.page.server import WIDEST_PX, reduced
 from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.image_codec import media_type
