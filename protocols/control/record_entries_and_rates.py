@@ -8,15 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from drivers.interfaces import Clock, FrameMark, StreamHealth
+from tacauchy_rig.core import run
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.run import (
-    ArmSample,
-    ForceSample,
-    ImageFrame,
-    JournalEvent,
-    Phase,
-    TrialRecord,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +24,12 @@ class Begin:
 class End:
     """An attempt ended; frames up to ``stamp_ns`` belong to it."""
 
-    record: TrialRecord
+    record: run.TrialRecord
     stamp_ns: int
 
 
-Samples = tuple[ForceSample | ArmSample | ImageFrame, ...]
-Entry = Begin | Samples | JournalEvent | End
+Samples = tuple[run.ForceSample | run.ArmSample | run.ImageFrame, ...]
+Entry = Begin | Samples | run.JournalEvent | End
 """What a producer records; samples of one entry are of one kind."""
 
 
@@ -61,16 +54,16 @@ class Journal:
     """Writes events of the attempt that runs now; between trials its number is 0."""
 
     def __init__(
-        self, sink: Sink, clock: Clock, *, listener: Callable[[JournalEvent], object]
+        self, sink: Sink, clock: Clock, *, listener: Callable[[run.JournalEvent], object]
     ) -> None:
         self.trial = 0
         self.attempt = 0
-        self.phase = Phase.PREFLIGHT
+        self.phase = run.Phase.PREFLIGHT
         self._sink = sink
         self._clock = clock
         self._listener = listener
 
-    def enter(self, phase: Phase, **detail: Any) -> None:
+    def enter(self, phase: run.Phase, **detail: Any) -> None:
         """Note that a phase begins; units in the names of ``detail``."""
         self.phase = phase
         self.write("phase", phase=phase.value, **detail)
@@ -85,8 +78,8 @@ class Journal:
         """Show progress without keeping it."""
         self._listener(self._event(PROGRESS, {"phase": self.phase.value, **detail}))
 
-    def _event(self, name: str, detail: dict[str, Any]) -> JournalEvent:
-        return JournalEvent(
+    def _event(self, name: str, detail: dict[str, Any]) -> run.JournalEvent:
+        return run.JournalEvent(
             stamp_ns=self._clock.now_ns(),
             name=name,
             trial=self.trial,
@@ -99,7 +92,7 @@ class RateMeter:
     """Counts what arrives; ``report`` says how well."""
 
     def __init__(self) -> None:
-        self._force: list[ForceSample] = []
+        self._force: list[run.ForceSample] = []
         self._frames: list[FrameMark] = []
         self._turns_s: list[float] = []
         self._arm_count = 0
@@ -108,7 +101,7 @@ class RateMeter:
         self._record_lag_s = 0.0
         self._force_lag_s = 0.0
 
-    def force(self, samples: Sequence[ForceSample], *, lag_s: float) -> None:
+    def force(self, samples: Sequence[run.ForceSample], *, lag_s: float) -> None:
         """Count force samples that arrived ``lag_s`` [s] late, against the undelayed stream."""
         self._force += samples
         self._force_lag_s = max(self._force_lag_s, lag_s)
@@ -181,7 +174,7 @@ def lateness_ms(stamps_ns: Sequence[int], counters: Sequence[int]) -> FloatArray
 
 
 def _stream(
-    name: str, arrived: Sequence[ForceSample | FrameMark], *, dropped_count: int = 0
+    name: str, arrived: Sequence[run.ForceSample | FrameMark], *, dropped_count: int = 0
 ) -> dict[str, float]:
     stamps_ns = [one.stamp_ns for one in arrived]
     counters = [one.counter for one in arrived]

@@ -9,12 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.evidence.evidence_types import (
-    EmulatedWorld,
-    JournalSummary,
-    RunEvidence,
-    TrialEvidence,
-)
+from reports.evidence import evidence_types
 from reports.evidence.frames_and_curves import RunReading, readable
 from reports.evidence.intermediate_states import intermediate_states
 from tacauchy_rig.core.config.settings import RigConfig
@@ -37,7 +32,7 @@ MIN_TRACE_SAMPLES = 10
 
 def emulated_world(
     store: RunStore, records: Mapping[int, TrialRecord | None]
-) -> EmulatedWorld | None:
+) -> evidence_types.EmulatedWorld | None:
     """Return what is known of the world of a dry run; None of any other run."""
     values = readable(store.truth.load)
     if values is None:
@@ -49,7 +44,7 @@ def emulated_world(
         and record.dwell_start_ns is not None
         and record.dwell_end_ns is not None
     }
-    return EmulatedWorld(
+    return evidence_types.EmulatedWorld(
         values=values,
         surface_expected_m=store.config.sensor.surface[Z],
         dwells=read_true_dwells(store.paths.emulation / FORCE_TRACE, windows),
@@ -98,7 +93,7 @@ CLOCK_SINCE_NS, CLOCK_UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 """The years 2000 and 2100: stamps outside are not counted from 1970."""
 
 
-def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
+def load_evidence(run: RunReading, replay: Replay | None) -> evidence_types.RunEvidence:
     """Read all that a report needs.
 
     Args:
@@ -120,7 +115,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
     _require_a_result(check, run)
     force_check, series = readable(store.force_check.load), force_series(store)
     trials = tuple(
-        TrialEvidence(
+        evidence_types.TrialEvidence(
             index=index,
             force_target_n=_target_n(store, index, record),
             record=record,
@@ -141,7 +136,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
         for index, record in run.records.items()
     )
     picture, journal = store.paths.calibration_picture, store.paths.journal
-    return RunEvidence(
+    return evidence_types.RunEvidence(
         trials=trials,
         simulated=store.simulated,
         thresholds=config.report,
@@ -275,10 +270,10 @@ def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
     return ForceDepthCurve.merged([model.stated_force_history or (), *fitted])
 
 
-def summarize_journal(events: list[JournalEvent]) -> JournalSummary:
+def summarize_journal(events: list[JournalEvent]) -> evidence_types.JournalSummary:
     """Count attempts, faults, aborts and resumptions, and keep what was said of each fault."""
     names = [event.name for event in events]
-    return JournalSummary(
+    return evidence_types.JournalSummary(
         attempt_count=names.count("attempt-start"),
         fault_count=names.count("fault") + names.count("process-died"),
         abort_count=names.count("abort"),

@@ -3,15 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from drivers.arm.ur5_rtde import (
-    INPUT_TYPES,
-    OUTPUT_TYPES,
-    TYPE_FORMATS,
-    RobotMode,
-    RuntimeState,
-    SafetyBit,
-    Value,
-)
+from drivers.arm import ur5_rtde as rtde
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
@@ -134,23 +126,25 @@ class Safety:
     name: str
     mode: int
     bits: int
-    robot_mode: RobotMode = RobotMode.RUNNING
+    robot_mode: rtde.RobotMode = rtde.RobotMode.RUNNING
 
 
-NORMAL = Safety("NORMAL", 1, SafetyBit.NORMAL)
+NORMAL = Safety("NORMAL", 1, rtde.SafetyBit.NORMAL)
 PROTECTIVE_STOP = Safety(
-    "PROTECTIVE_STOP", 3, SafetyBit.PROTECTIVE_STOP | SafetyBit.STOPPED_FOR_SAFETY
+    "PROTECTIVE_STOP", 3, rtde.SafetyBit.PROTECTIVE_STOP | rtde.SafetyBit.STOPPED_FOR_SAFETY
 )
 EMERGENCY_STOP = Safety(  # the arm loses its power
     "ROBOT_EMERGENCY_STOP",
     7,
-    SafetyBit.ROBOT_EMERGENCY_STOP | SafetyBit.EMERGENCY_STOP | SafetyBit.STOPPED_FOR_SAFETY,
-    RobotMode.POWER_OFF,
+    rtde.SafetyBit.ROBOT_EMERGENCY_STOP
+    | rtde.SafetyBit.EMERGENCY_STOP
+    | rtde.SafetyBit.STOPPED_FOR_SAFETY,
+    rtde.RobotMode.POWER_OFF,
 )
 
 
-def _zero(type_name: str) -> Value:
-    return (0,) * int(TYPE_FORMATS[type_name][:-1] or "1")
+def _zero(type_name: str) -> rtde.Value:
+    return (0,) * int(rtde.TYPE_FORMATS[type_name][:-1] or "1")
 
 
 class ControllerBody:
@@ -161,16 +155,16 @@ class ControllerBody:
         self.motion = ToolMotion(home)
         self.remote_control = remote_control  # false when the pendant is in local control
         self.safety = NORMAL
-        self.runtime_state: int = RuntimeState.STOPPED
+        self.runtime_state: int = rtde.RuntimeState.STOPPED
         self.tcp_offset = STILL
         self.payload_kg = 0.0
         self.zero_ft_asked = False  # ``zero_ftsensor`` came and has not been applied yet
         # Value of each RTDE input field that a client wrote.
-        self.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
+        self.inputs = {name: _zero(type_name) for name, type_name in rtde.INPUT_TYPES.items()}
         # Value of each RTDE output field, always a tuple.
         self.outputs = {
             name: _zero(type_name)
-            for name, type_name in OUTPUT_TYPES.items()
+            for name, type_name in rtde.OUTPUT_TYPES.items()
             if model is RobotModel.E_SERIES or name not in _E_SERIES_ONLY
         }
         self.outputs |= {
@@ -190,7 +184,7 @@ class ControllerBody:
     @property
     def is_playing(self) -> bool:
         """Whether a program runs."""
-        return self.runtime_state == RuntimeState.PLAYING
+        return self.runtime_state == rtde.RuntimeState.PLAYING
 
     def admits_pose(self, pose: Vector6) -> bool:
         """Return whether a tip pose lies within a coarse model of the arm's reach."""
@@ -205,7 +199,7 @@ class ControllerBody:
             tcp_force: What the arm takes for force [N] and moment [N m] on its tip.
         """
         safety, pose, velocity = self.safety, self.motion.pose, self.motion.velocity
-        is_powered = safety.robot_mode >= RobotMode.POWER_ON
+        is_powered = safety.robot_mode >= rtde.RobotMode.POWER_ON
         self.outputs |= {
             "timestamp": (time_s,),
             "actual_TCP_pose": pose,

@@ -13,21 +13,15 @@ from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.recording import mcap_writer
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import (
-    ARM_STATES,
-    POSE_FIELDS,
-    TCP_FORCE_FIELDS,
-    VELOCITY_FIELDS,
-    WRENCH_FIELDS,
-)
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
 from tacauchy_rig.core.time_limit_and_progress import doing
 
 logger = logging.getLogger(__name__)
 
-_TARED_FIELDS = tuple(f"{name}_tared" for name in WRENCH_FIELDS)
+_TARED_FIELDS = tuple(f"{name}_tared" for name in mcap_writer.WRENCH_FIELDS)
 _FRAMES = ("counter", "device_stamp_s", "width", "height")
 _TRIAL_FIELDS = (
     "outcome",
@@ -159,7 +153,7 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
         "stamp_ns": force.stamp_ns,
         "time_s": _times(recording, force.stamp_ns),
         "counter": force.counter,
-        **dict(zip(WRENCH_FIELDS, force.wrench.T, strict=True)),
+        **dict(zip(mcap_writer.WRENCH_FIELDS, force.wrench.T, strict=True)),
         **dict(zip(_TARED_FIELDS, tared.T, strict=True)),
         "pressing_force_n": sign * tared[:, 2],
     }
@@ -172,10 +166,10 @@ def _write_arm(recording: Recording, path: Path) -> None:
         "stamp_ns": arm.stamp_ns,
         "time_s": _times(recording, arm.stamp_ns),
         "controller_time_s": arm.controller_time_s,
-        **dict(zip(POSE_FIELDS, arm.pose.T, strict=True)),
-        **dict(zip(VELOCITY_FIELDS, arm.velocity.T, strict=True)),
-        **dict(zip(TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
-        **{name: getattr(arm, name) for name in ARM_STATES},
+        **dict(zip(mcap_writer.POSE_FIELDS, arm.pose.T, strict=True)),
+        **dict(zip(mcap_writer.VELOCITY_FIELDS, arm.velocity.T, strict=True)),
+        **dict(zip(mcap_writer.TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
+        **{name: getattr(arm, name) for name in mcap_writer.ARM_STATES},
     }
     _write_columns(path, columns)
 
