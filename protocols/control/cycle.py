@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from drivers.interfaces import ProgramEndedError, Rig
 from protocols.control.record_entries_and_rates import RateMeter, Sink
 from protocols.guard.abort import Abort
-from protocols.guard.arm_following import FollowGuard
 from protocols.guard.breach_reaction import BreachError, Reaction, most_severe
 from protocols.guard.force_limits import ForceGuard
 from protocols.guard.force_witness_and_band import Witness
+from protocols.guard.place_and_motion import FollowGuard, Workspace
 from protocols.guard.stale_streams import StreamGuard
-from protocols.guard.workspace_and_speed import Workspace
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6

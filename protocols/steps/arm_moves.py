@@ -13,7 +13,7 @@ from protocols.control.cycle import Cycle, Press
 from protocols.control.record_entries_and_rates import Journal
 from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
-from protocols.guard.workspace_and_speed import Floor, describe, search_floor
+from protocols.guard.place_and_motion import Floor, describe, search_floor
 from protocols.steps.tare_and_force_window import listen
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO
