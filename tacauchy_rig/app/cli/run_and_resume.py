@@ -289,8 +289,8 @@ def press(
     """
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.processes.child_process import listen
     from protocols.processes.ipc import PageOptions
-    from protocols.processes.viewer_processes import listen
     from protocols.trials.trial_sequence import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
