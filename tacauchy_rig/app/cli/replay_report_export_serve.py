@@ -265,8 +265,7 @@ def serve(
 
     from protocols.processes.child_process import listen
     from protocols.processes.page.access_token import AccessRule
-    from tacauchy_rig.app.results.run_list_comparison_trend import folder_of_runs
-    from tacauchy_rig.app.results.server import ResultsServer
+    from tacauchy_rig.app.results.results_pages import ResultsServer, folder_of_runs
 
     root, only = folder_of_runs(folder)
     with listen(port, option="--port") as taken:
