@@ -15,8 +15,7 @@ from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.place_and_motion import Floor, describe, search_floor
 from protocols.steps.tare_and_force_window import listen
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO
+from tacauchy_rig.core.config.settings import REFINE_RATIO, RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.force_sensor_gain import ARM_ZERO_S
 from tacauchy_rig.core.run import ArmSample, Phase, Pose, Vector6

@@ -14,8 +14,7 @@ from typing import Any
 
 from tacauchy_rig.core import run
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.settings import ReportSection
-from tacauchy_rig.core.config.stated_uncertainty import Stated
+from tacauchy_rig.core.config.settings import ReportSection, Stated
 from tacauchy_rig.core.force_sensor_gain import ForceHistory
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.simulated import ForceDepthCurve, ReplayModel, ReplayTrial, model_of

@@ -12,8 +12,7 @@ import numpy as np
 from reports.evidence import evidence_types
 from reports.evidence.frames_and_curves import RunReading, readable
 from reports.evidence.intermediate_states import intermediate_states
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO, Stated, stated_uncertainty
+from tacauchy_rig.core.config.settings import REFINE_RATIO, RigConfig, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord

@@ -12,7 +12,7 @@ import typer
 
 from sim.scene.scene import Preset
 from tacauchy_rig.app.cli import output
-from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.time_limit_and_progress import doing

@@ -27,8 +27,7 @@ from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.rendering import image_of
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import Stated, stated_uncertainty
+from tacauchy_rig.core.config.settings import RigConfig, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.simulated import ForceInput, FoundValue, ResidualSplit
 from tacauchy_rig.core.time_limit_and_progress import say

@@ -28,8 +28,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.simulator_inputs import indenter_of, sensor_of
 from tacauchy_rig.core.config.load import Change, LoadedConfig
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
+from tacauchy_rig.core.config.settings import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD, RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 from tacauchy_rig.core.known_weight import EXPIRY_H, ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.run import Criterion, ExpectedPress, JournalEvent, Outcome, TrialRecord

@@ -16,7 +16,7 @@ from reports.scores.force_uncertainty import (
     scatter_of,
     uncertainty_budget,
 )
-from tacauchy_rig.core.config.stated_uncertainty import Stated
+from tacauchy_rig.core.config.settings import Stated
 from tacauchy_rig.core.simulated import ForceDepthCurve, ForceInput
 from tests.made_model import made_model
 
