@@ -4,13 +4,11 @@ Images are RGB, cropped and resized as ``ImageGeometry`` says; all values are SI
 missing is None: a run that broke off still gets a report that says so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import Any
+from typing import Any, Self
 
 from tacauchy_rig.core import run
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
@@ -166,7 +164,7 @@ class TrialEvidence:
         force_n, number = (0.0, self.index) if unknown else (self.force_target_n, 0)
         return force_n, number, self.kind
 
-    def is_wrong_for(self, other: TrialEvidence) -> bool:
+    def is_wrong_for(self, other: Self) -> bool:
         """Return whether it was pressed to another force, all else alike."""
         return self.kind == other.kind and self.press_key != other.press_key
 
@@ -240,7 +238,7 @@ class RunEvidence:
         return None if self.model is None else model_of((self.model, *self.others), trial)
 
     @property
-    def drawn(self) -> RunEvidence:
+    def drawn(self) -> Self:
         """Without the states on the way, which only the page shows: most of the memory."""
         trials = tuple(replace(trial, intermediate=()) for trial in self.trials)
         return replace(self, trials=trials)

@@ -1,9 +1,8 @@
 """Progress of a session: a few live lines on a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
+from typing import Self
 
 from rich.console import Group
 from rich.live import Live
@@ -70,7 +69,7 @@ class SessionProgress:
         self._force_n: float | None = None
         self._height_m: float | None = None
 
-    def __enter__(self) -> SessionProgress:
+    def __enter__(self) -> Self:
         if console.is_terminal:
             self._live.start()
         return self

@@ -3,13 +3,11 @@
 A part are presses of one indenter at one place, which share a mesh.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -99,23 +97,23 @@ class ReplayInputs:
         return replace(scene, target=target, outputs=outputs)
 
     @property
-    def upright(self) -> ReplayInputs:
+    def upright(self) -> Self:
         """The same press with an indenter that is not tilted."""
         return replace(self, tilt_rad=(0.0, 0.0))
 
-    def tilted(self, x_rad: float, y_rad: float) -> ReplayInputs:
+    def tilted(self, x_rad: float, y_rad: float) -> Self:
         """Return the press with the indenter tilted further towards x and y [rad]."""
         return replace(self, tilt_rad=(self.tilt_rad[0] + x_rad, self.tilt_rad[1] + y_rad))
 
-    def stiffer(self, factor: float) -> ReplayInputs:
+    def stiffer(self, factor: float) -> Self:
         """Return the press of a gel that is this many times as stiff."""
         return replace(self, sensor=self.sensor.stiffer(factor))
 
-    def moved(self, by_m: tuple[float, float]) -> ReplayInputs:
+    def moved(self, by_m: tuple[float, float]) -> Self:
         """Return the press at a place that is shifted along x and y [m]."""
         return replace(self, offset_m=(self.offset_m[0] + by_m[0], self.offset_m[1] + by_m[1]))
 
-    def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
+    def settled(self, forces_n: Sequence[float]) -> Self:
         """Return the inputs with the preset that ``auto`` chooses for some forces [N].
 
         It chooses the mesh alone: omitted effects may cost what the named preset allows. Without
@@ -342,7 +340,7 @@ class Part:
         return bool(self.label) and len(self.records) == 1 and accurate and from_touch
 
     @property
-    def settled(self) -> Part:
+    def settled(self) -> Self:
         """The part with the preset that ``auto`` chooses."""
         return replace(self, inputs=self.inputs.settled(self.forces_n))
 

@@ -4,8 +4,6 @@ Every line has its number and the SHA-256 of the line before it, so that a line 
 doubled, moved or edited afterwards shows.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import logging
@@ -17,7 +15,7 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
@@ -156,7 +154,7 @@ class Journal:
     exists: bool = True  # false where the file is missing
 
     @classmethod
-    def read(cls, path: Path) -> Journal:
+    def read(cls, path: Path) -> Self:
         """Read a journal, which a run that never began does not have."""
         return cls(_read_lines(path)) if path.exists() else cls((), exists=False)
 
