@@ -37,11 +37,9 @@ def emulated_world(
     if values is None:
         return None
     windows = {
-        index: (record.dwell_start_ns, record.dwell_end_ns)
+        index: record.windows["dwell"]
         for index, record in records.items()
-        if record is not None
-        and record.dwell_start_ns is not None
-        and record.dwell_end_ns is not None
+        if record is not None and "dwell" in record.windows
     }
     return evidence_types.EmulatedWorld(
         values=values,

@@ -275,6 +275,17 @@ class TrialRecord:
         """True when the attempt ran to its end and met every criterion."""
         return self.outcome is Outcome.PASSED
 
+    @property
+    def windows(self) -> dict[str, tuple[int, int]]:
+        """First and last stamp [ns] of ``tare``, ``reference`` and ``dwell``, as far as known."""
+        tare = self.tare_before
+        found = {
+            "tare": (None, None) if tare is None else (tare.start_ns, tare.end_ns),
+            "reference": (self.reference_start_ns, self.reference_end_ns),
+            "dwell": (self.dwell_start_ns, self.dwell_end_ns),
+        }
+        return {k: (a, b) for k, (a, b) in found.items() if a is not None and b is not None}
+
     def doubted(self, criterion: Criterion) -> Self:
         """Return the record of an attempt that missed ``criterion`` in hindsight."""
         outcome = Outcome.FAILED if self.passed else self.outcome

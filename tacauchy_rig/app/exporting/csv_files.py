@@ -108,30 +108,27 @@ def _press_rows(
     term: str,
 ) -> Iterator[list[Any]]:
     """Yield the rows of a press: samples of force and pose, and images; what is absent is empty."""
-    tare, held = result.tare_before, (result.dwell_start_ns, result.dwell_end_ns)
-    rest = (result.reference_start_ns, result.reference_end_ns)
-    force, arm = recording.force, recording.arm
+    force, arm, windows = recording.force, recording.arm, result.windows
 
-    def row(stamp_ns: int, rest: Any, **values: float | str) -> list[Any]:
-        among = {"unloaded": rest, "pressed": held}
-        within = [k for k, (a, b) in among.items() if a is not None and a <= stamp_ns <= b]
+    def row(stamp_ns: int, rest: str, **values: float | str) -> list[Any]:
+        among = {"unloaded": windows.get(rest), "pressed": windows.get("dwell")}
+        within = [name for name, w in among.items() if w and w[0] <= stamp_ns <= w[1]]
         state = within[0] if within else ""
         known = {"press": result.index, "state": state, "indenter": term, **values}
         known["time"] = f"{stamp_ns // 10**9:09d}.{stamp_ns % 10**9:09d}"
         return [known.get(name, "") for name in _PRESSES]
 
-    tared = (None, None) if tare is None else (tare.start_ns, tare.end_ns)
     for stamp_ns, wrench in zip(force.stamp_ns.tolist(), force.wrench.tolist(), strict=True):
-        yield row(stamp_ns, tared, **dict(zip(WRENCH, wrench, strict=True)))
+        yield row(stamp_ns, "tare", **dict(zip(WRENCH, wrench, strict=True)))
     place = np.full((len(arm.pose), 3), np.nan)
     if centre is not None and result.contact_z_m is not None:
         place = arm.pose[:, :3] - [*centre, 0.0]
     for stamp_ns, xyz in zip(arm.stamp_ns.tolist(), place.tolist(), strict=True):
-        yield row(stamp_ns, (None, None), **dict(zip(POSE, xyz, strict=True)))
+        yield row(stamp_ns, "", **dict(zip(POSE, xyz, strict=True)))
     for name, stamp_ns, *_ in frames:
         values: dict[str, Any] = {"image": f"{folder}/{name}"}
         values |= {"contact_z": result.contact_z_m, "depth": result.depth_measured_m}
-        yield row(stamp_ns, rest, **{k: v for k, v in values.items() if v is not None})
+        yield row(stamp_ns, "reference", **{k: v for k, v in values.items() if v is not None})
 
 
 def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) -> None:
