@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from drivers.camera.frame_checks import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
-from protocols.control.record_entries_and_rates import Begin
+from protocols.control.cycle import Begin
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
 from protocols.processes.ipc import VIEWERS, CameraStatus, Channel, FeedWriters, Job, Order, Ready
 from protocols.processes.recorder_process import RecorderLink

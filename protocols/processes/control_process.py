@@ -16,8 +16,7 @@ from drivers.interfaces import (
     Rig,
     build_arm_and_force_sensor,
 )
-from protocols.control.cycle import Cycle
-from protocols.control.record_entries_and_rates import Entry, Journal, Samples, Sink
+from protocols.control.cycle import Cycle, Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import ask_for_priority, run_child
 from protocols.processes.ipc import VIEWERS, AbortRequest, Channel, FeedWriters, Job, Order, Ready

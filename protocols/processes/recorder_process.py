@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.interfaces import FrameMark, StreamHealth, TouchMode
-from protocols.control.record_entries_and_rates import Begin, End, Entry
+from protocols.control.cycle import Begin, End, Entry
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
 from protocols.processes.ipc import Ack, CameraStatus, Channel, Job, Ready
 from tacauchy_rig.core.errors import DeviceError, RecordError, RigError

@@ -9,8 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from protocols.control.cycle import Cycle, Press
-from protocols.control.record_entries_and_rates import Journal
+from protocols.control.cycle import Cycle, Journal, Press
 from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.place_and_motion import Floor, describe, search_floor

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from drivers.interfaces import TouchMode
-from protocols.control.cycle import Cycle
-from protocols.control.record_entries_and_rates import Begin, End, Journal, RateMeter
+from protocols.control.cycle import Begin, Cycle, End, Journal, RateMeter
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.steps.arm_moves import (

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin
+from protocols.control.cycle import Begin
 from protocols.processes.camera_process import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.ipc import Channel
 from protocols.processes.recorder_process import RemoteCamera

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin, End
+from protocols.control.cycle import Begin, End
 from protocols.processes import recorder_process as link_module
 from protocols.processes.ipc import Ack, Channel
 from protocols.processes.recorder_process import BETWEEN_ATTEMPTS, RecorderLink
