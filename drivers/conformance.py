@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from drivers.camera.jpeg_checks import jpeg_size
+from drivers.camera.frame_checks import jpeg_size
 from drivers.interfaces import Arm, Camera, ForceTorqueSensor, StreamingDevice
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Pose

@@ -16,8 +16,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from reports.scores.floor_and_ceiling import trial_floors as trial_floors
     from reports.scores.image_metrics import score as score
+    from reports.scores.image_metrics import trial_floors as trial_floors
     from sim.batch.batch import Batch as Batch
     from sim.batch.sensor_model import sensor_model as sensor_model
     from sim.effects.effect_choice import plan_effects as plan_effects
@@ -75,7 +75,7 @@ _PUBLIC = {
     "Sphere": "sim.scene.indenter:Sphere",
     "surface_traction": "sim.fields.pressure_and_shear:surface_traction",
     "Target": "sim.scene.scene:Target",
-    "trial_floors": "reports.scores.floor_and_ceiling:trial_floors",
+    "trial_floors": "reports.scores.image_metrics:trial_floors",
 }
 """Where each public name is defined, ``module:name``; the imports above say the same."""
 

@@ -6,11 +6,10 @@ from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
 
-from drivers.camera.touch_detection import TouchWatch
+from drivers.camera.frame_checks import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
-from protocols.control.cycle import Cycle
-from protocols.control.record_entries_and_rates import Entry, Journal, Sink
+from protocols.control.cycle import Cycle, Entry, Journal, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.camera_process import mark_of
 from protocols.processes.recorder_process import RecordKeeper, encoded

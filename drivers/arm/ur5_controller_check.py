@@ -11,20 +11,7 @@ import time
 from dataclasses import dataclass
 from typing import Self
 
-from drivers.arm.ur5_rtde import (
-    DASHBOARD_PORT,
-    OUTPUT_TYPES,
-    PROTOCOL_VERSION,
-    RTDE_PORT,
-    SCRIPT_PORT,
-    PacketKind,
-    PacketReader,
-    Recipe,
-    RobotMode,
-    in_words,
-    pack_packet,
-    safety_reason,
-)
+from drivers.arm import ur5_rtde
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
@@ -33,9 +20,9 @@ _OUTPUT_RATE_HZ = 125.0  # the slower of the two generations' cycles
 _COMMAND_REGISTER = b"input_int_register_0"
 _PACKETS_SEEN = 3
 _PORT_PURPOSE = {
-    RTDE_PORT: "RTDE, the controller's data exchange",
-    DASHBOARD_PORT: "the dashboard server",
-    SCRIPT_PORT: "the script port",
+    ur5_rtde.RTDE_PORT: "RTDE, the controller's data exchange",
+    ur5_rtde.DASHBOARD_PORT: "the dashboard server",
+    ur5_rtde.SCRIPT_PORT: "the script port",
 }
 
 
@@ -82,14 +69,14 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
     """
     start_s = time.monotonic()
     deadline_s = start_s + timeout_s
-    with _Port(host, SCRIPT_PORT, deadline_s):
+    with _Port(host, ur5_rtde.SCRIPT_PORT, deadline_s):
         pass
-    with _Port(host, DASHBOARD_PORT, deadline_s) as port:
+    with _Port(host, ur5_rtde.DASHBOARD_PORT, deadline_s) as port:
         serial, remote_control = _ask_dashboard(port)
-    with _RtdePort(host, RTDE_PORT, deadline_s) as rtde:
+    with _RtdePort(host, ur5_rtde.RTDE_PORT, deadline_s) as rtde:
         version = rtde.handshake()
         # Another client owns the register that takes commands.
-        in_use = b"IN_USE" in rtde.ask(PacketKind.SETUP_INPUTS, _COMMAND_REGISTER)
+        in_use = b"IN_USE" in rtde.ask(ur5_rtde.PacketKind.SETUP_INPUTS, _COMMAND_REGISTER)
         states = rtde.watch()
     last = states[-1]
     return ControllerReport(
@@ -130,12 +117,13 @@ def require_ready(report: ControllerReport, *, model: RobotModel) -> None:
             f"{where}: is in local control",
             remedy="switch it to remote control at the pendant (top right)",
         )
-    stopped = safety_reason(report.safety_bits)
+    stopped = ur5_rtde.safety_reason(report.safety_bits)
     if stopped is not None:
         raise DeviceError(f"{where}: {stopped[0]}", remedy=stopped[1])
-    if report.robot_mode != RobotMode.RUNNING:
+    if report.robot_mode != ur5_rtde.RobotMode.RUNNING:
+        mode = ur5_rtde.in_words(ur5_rtde.RobotMode, report.robot_mode)
         raise DeviceError(
-            f"{where}: the arm is not running ({in_words(RobotMode, report.robot_mode)})",
+            f"{where}: the arm is not running ({mode})",
             remedy="power the arm on and release its brakes at the pendant",
         )
     if report.in_use:
@@ -224,7 +212,7 @@ def _ask_dashboard(port: _Port) -> tuple[str, bool | None]:
     greeting = next_line()
     if "Dashboard" not in greeting:
         raise DeviceError(
-            f"robot {port.host}: port {DASHBOARD_PORT} greets with {greeting[:60]!r}",
+            f"robot {port.host}: port {ur5_rtde.DASHBOARD_PORT} greets with {greeting[:60]!r}",
             remedy="this is not a UR controller: correct the address",
         )
     port.link.sendall(b"get serial number\n")
@@ -238,18 +226,18 @@ class _RtdePort(_Port):
 
     def __init__(self, host: str, port: int, deadline_s: float) -> None:
         super().__init__(host, port, deadline_s)
-        self._reader = PacketReader()
+        self._reader = ur5_rtde.PacketReader()
         self._waiting: list[tuple[int, bytes]] = []
 
     def handshake(self) -> tuple[int, int, int, int]:
         """Agree on the protocol and return the controller's version."""
-        request = struct.pack(">H", PROTOCOL_VERSION)
-        if self.ask(PacketKind.REQUEST_PROTOCOL_VERSION, request)[:1] != b"\x01":
+        request = struct.pack(">H", ur5_rtde.PROTOCOL_VERSION)
+        if self.ask(ur5_rtde.PacketKind.REQUEST_PROTOCOL_VERSION, request)[:1] != b"\x01":
             raise DeviceError(
-                f"{self.place} refuses protocol version {PROTOCOL_VERSION}",
+                f"{self.place} refuses protocol version {ur5_rtde.PROTOCOL_VERSION}",
                 remedy="update the controller's software (3.3 or newer)",
             )
-        reply = self.ask(PacketKind.GET_URCONTROL_VERSION)
+        reply = self.ask(ur5_rtde.PacketKind.GET_URCONTROL_VERSION)
         if len(reply) != struct.calcsize(">4I"):
             raise self._strange(reply)
         major, minor, bugfix, build = struct.unpack(">4I", reply)
@@ -258,27 +246,29 @@ class _RtdePort(_Port):
     def watch(self) -> list[dict[str, tuple[float, ...]]]:
         """Return a few states, having seen the controller's clock move."""
         request = struct.pack(">d", _OUTPUT_RATE_HZ) + ",".join(_OUTPUTS).encode()
-        reply = self.ask(PacketKind.SETUP_OUTPUTS, request)
+        reply = self.ask(ur5_rtde.PacketKind.SETUP_OUTPUTS, request)
         if b"NOT_FOUND" in reply or not reply:
             raise self._strange(reply)
-        recipe = Recipe(_OUTPUTS, OUTPUT_TYPES)
-        if self.ask(PacketKind.START)[:1] != b"\x01":
+        recipe = ur5_rtde.Recipe(_OUTPUTS, ur5_rtde.OUTPUT_TYPES)
+        if self.ask(ur5_rtde.PacketKind.START)[:1] != b"\x01":
             raise DeviceError(
                 f"{self.place} does not start sending data", remedy="restart the controller"
             )
-        states = [recipe.unpack(self._next(PacketKind.DATA)[1:]) for _ in range(_PACKETS_SEEN)]
+        states = [
+            recipe.unpack(self._next(ur5_rtde.PacketKind.DATA)[1:]) for _ in range(_PACKETS_SEEN)
+        ]
         if states[-1]["timestamp"][0] <= states[0]["timestamp"][0]:
             raise DeviceError(
                 f"{self.place} repeats the same time stamp", remedy="restart the controller"
             )
         return states
 
-    def ask(self, kind: PacketKind, body: bytes = b"") -> bytes:
+    def ask(self, kind: ur5_rtde.PacketKind, body: bytes = b"") -> bytes:
         """Send a request and return the body of its reply."""
-        self.link.sendall(pack_packet(kind, body))
+        self.link.sendall(ur5_rtde.pack_packet(kind, body))
         return self._next(kind)
 
-    def _next(self, kind: PacketKind) -> bytes:
+    def _next(self, kind: ur5_rtde.PacketKind) -> bytes:
         while True:
             while self._waiting:
                 got, body = self._waiting.pop(0)

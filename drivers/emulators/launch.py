@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from drivers.emulators.camera.frame_server import VIDEO_DEVICE, preloaded
+from drivers.emulators.camera.frames_and_noise import VIDEO_DEVICE, preloaded
 from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth

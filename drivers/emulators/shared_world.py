@@ -8,8 +8,6 @@ Two slots are written in turn, each with a checksum, so that a writer killed in 
 the last complete state readable. No state is ever torn.
 """
 
-from __future__ import annotations
-
 import json
 import mmap
 import os
@@ -18,14 +16,13 @@ import sys
 import time
 import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_controller_check import probe_controller
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
+from drivers.emulators.plant.truth import TRUTH_FILE, CylinderTip, SphereTip, Tip, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
@@ -57,7 +54,7 @@ class SharedWorld:
         self._sequence: int | None = None
 
     @classmethod
-    def create(cls, path: Path) -> SharedWorld:
+    def create(cls, path: Path) -> Self:
         """Create the file, or adopt the one that a previous process left there."""
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -69,7 +66,7 @@ class SharedWorld:
             return cls.open(path)
 
     @classmethod
-    def open(cls, path: Path) -> SharedWorld:
+    def open(cls, path: Path) -> Self:
         """Map a file that another process created."""
         if not path.is_file() or path.stat().st_size != _FILE_SIZE:
             raise DeviceError(

@@ -8,13 +8,12 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.jpeg_checks import clipped_ratio
-from drivers.camera.touch_detection import TouchWatch
+from drivers.camera.frame_checks import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
-from protocols.control.record_entries_and_rates import Begin
+from protocols.control.cycle import Begin
 from protocols.processes.child_process import ask_for_priority, ignore_signals, run_child
 from protocols.processes.ipc import VIEWERS, CameraStatus, Channel, FeedWriters, Job, Order, Ready
-from protocols.processes.recorder_and_camera_links import RecorderLink
+from protocols.processes.recorder_process import RecorderLink
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.run_store import RunStore

@@ -16,12 +16,11 @@ from drivers.interfaces import (
     Rig,
     build_arm_and_force_sensor,
 )
-from protocols.control.cycle import Cycle
-from protocols.control.record_entries_and_rates import Entry, Journal, Samples, Sink
+from protocols.control.cycle import Cycle, Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.child_process import ask_for_priority, run_child
 from protocols.processes.ipc import VIEWERS, AbortRequest, Channel, FeedWriters, Job, Order, Ready
-from protocols.processes.recorder_and_camera_links import RecorderLink, RemoteCamera
+from protocols.processes.recorder_process import RecorderLink, RemoteCamera
 from protocols.trials.trial_sequence import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.run import ArmSample, ForceSample

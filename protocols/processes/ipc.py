@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity, FrameMark, StreamHealth
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ExpectedPress
 

@@ -15,9 +15,8 @@ from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
-from protocols.processes.child_process import Launched, launch_children
+from protocols.processes.child_process import CONTROL_ENDED, Launched, Viewing, launch_children
 from protocols.processes.ipc import AbortRequest, Ack, Job, Order, PageOptions, Ready, ViewerOptions
-from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
 from protocols.trials.trial_sequence import ProgrammeResult, describe_safe, plan_session
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line

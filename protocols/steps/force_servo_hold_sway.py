@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.guard.depth_limits import DepthGuard
 from protocols.guard.force_limits import Contact
+from protocols.guard.place_and_motion import DepthGuard
 from protocols.steps.arm_moves import downward
 from protocols.steps.tare_and_force_window import summarise
 from tacauchy_rig.core.run import TrialRecord

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from protocols.steps.preflight import TRAVEL_M
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
 

@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence_types import TrialEvidence
-from reports.scores.contact_scores import ContactScores
+from reports.scores.contact_scores import ContactScores, Corrections, PoseResidual
 from reports.scores.force_uncertainty import ForceAgreement
-from reports.scores.pose_and_light_residual import Corrections, PoseResidual
 from reports.scores.wrong_forces import ForceMargin
 from tacauchy_rig.core.config.settings import ReportSection
 from tacauchy_rig.core.run import Criterion, Outcome

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from reports.comparison.report_criteria import COUNTS, COUNTS_OF_RUN, MARGIN
 from reports.evidence.evidence_types import RunEvidence, StreamSummary, TruthComparison
 from reports.scores.confidence_interval import MeanInterval
-from reports.scores.contact_scores import ContactScores
-from reports.scores.floor_and_ceiling import Ceiling, Floors, Skill
+from reports.scores.contact_scores import ContactScores, Corrections
 from reports.scores.force_uncertainty import ForceAgreement
-from reports.scores.image_metrics import ImageScores
-from reports.scores.pose_and_light_residual import Corrections
+from reports.scores.image_metrics import Ceiling, Floors, ImageScores, Skill
 from reports.scores.wrong_forces import ForceMargin, WrongForceMatrix
 from tacauchy_rig.core.run import Criterion
 

@@ -8,13 +8,12 @@ from reports.comparison.report_criteria import judge_model, judge_modulus, judge
 from reports.comparison.result_types import RunStatistics, TrialResult, ValidationReport
 from reports.comparison.verdict_sentences import abstract_of, limits_of, read_scores, verdict_of
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence
-from reports.scores import floor_and_ceiling as bounds
+from reports.scores import image_metrics as bounds
 from reports.scores import wrong_forces
 from reports.scores.confidence_interval import MeanInterval, t_interval
-from reports.scores.contact_scores import score_contact, touched
+from reports.scores.contact_scores import correct, score_contact, touched
 from reports.scores.force_uncertainty import Scatter, compare_force, scatter_between
 from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_mean_mse, score
-from reports.scores.pose_and_light_residual import correct
 from tacauchy_rig.core.image_codec import to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")

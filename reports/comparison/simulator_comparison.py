@@ -13,11 +13,17 @@ import numpy as np
 from reports.comparison.run_comparison import compare_images, image_means
 from reports.evidence.evidence_types import RunEvidence, TrialEvidence
 from reports.scores.confidence_interval import MeanInterval, t_interval
-from reports.scores.contact_scores import ContactScores, score_contact
-from reports.scores.floor_and_ceiling import CeilingKind, Floors, Skill, trial_ceiling, trial_floors
+from reports.scores.contact_scores import ContactScores, Corrections, score_contact
 from reports.scores.force_uncertainty import difference
-from reports.scores.image_metrics import ImageScores, Metric
-from reports.scores.pose_and_light_residual import Corrections
+from reports.scores.image_metrics import (
+    CeilingKind,
+    Floors,
+    ImageScores,
+    Metric,
+    Skill,
+    trial_ceiling,
+    trial_floors,
+)
 from reports.scores.wrong_forces import ForceMargin, cross_scores, force_margins
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator

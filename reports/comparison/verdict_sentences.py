@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from reports.comparison.result_types import RunStatistics, TrialResult, headline_of, worst_of
 from reports.evidence.evidence_types import RunEvidence
-from reports.scores.floor_and_ceiling import CeilingKind, SkillStatus
-from reports.scores.image_metrics import Metric
+from reports.scores.image_metrics import CeilingKind, Metric, SkillStatus
 from reports.scores.residual_causes import UNMENDABLE
 from reports.scores.wrong_forces import WrongForceMatrix
 from tacauchy_rig.core.markdown_page import sentences

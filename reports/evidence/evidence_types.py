@@ -4,30 +4,18 @@ Images are RGB, cropped and resized as ``ImageGeometry`` says; all values are SI
 missing is None: a run that broke off still gets a report that says so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import Any
+from typing import Any, Self
 
+from tacauchy_rig.core import run
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.settings import ReportSection
-from tacauchy_rig.core.config.stated_uncertainty import Stated
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.config.settings import ReportSection, Stated
 from tacauchy_rig.core.force_sensor_gain import ForceHistory
 from tacauchy_rig.core.known_weight import ForceCheck
-from tacauchy_rig.core.run import (
-    IMAGES_SHA256,
-    IMPORTED_MARK,
-    SIMULATED_MARK,
-    CalibratedOptics,
-    Criterion,
-    Imported,
-    TrialRecord,
-)
-from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
+from tacauchy_rig.core.simulated import ForceDepthCurve, ReplayModel, ReplayTrial, model_of
 
 PressKey = tuple[float, int, int]
 """Force [N], or zero and a number of its own, and the kind of a press."""
@@ -136,7 +124,7 @@ class TrialEvidence:
     # What was asked for; of an imported press what was measured, which names it. NaN where that has
     # no force.
     force_target_n: float
-    record: TrialRecord | None = None
+    record: run.TrialRecord | None = None
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
     # The replay's rendered image in the scored geometry, rendered over this trial's own no-contact
@@ -147,7 +135,7 @@ class TrialEvidence:
     # Start and end of the window that counts, on the curves' time axis [s].
     dwell_s: tuple[float, float] | None = None
     # What files, hashes and raw samples of the attempt say of ``record``.
-    checks: tuple[Criterion, ...] = ()
+    checks: tuple[run.Criterion, ...] = ()
     # Of the simulator with the modulus that is stated.
     force_depth_simulated: ForceDepthCurve | None = None
     streams: tuple[StreamSummary, ...] = ()
@@ -176,7 +164,7 @@ class TrialEvidence:
         force_n, number = (0.0, self.index) if unknown else (self.force_target_n, 0)
         return force_n, number, self.kind
 
-    def is_wrong_for(self, other: TrialEvidence) -> bool:
+    def is_wrong_for(self, other: Self) -> bool:
         """Return whether it was pressed to another force, all else alike."""
         return self.kind == other.kind and self.press_key != other.press_key
 
@@ -237,10 +225,10 @@ class RunEvidence:
     unchecked_allowed: bool = False
     # The emulated world of a dry run; comparisons with it are made by ``compare``.
     world: EmulatedWorld | None = None
-    checks: tuple[Criterion, ...] = ()  # what journal, description and replay say of each other
-    imported: Imported | None = None  # where the run is from, if others recorded it
+    checks: tuple[run.Criterion, ...] = ()  # what journal, description and replay say of each other
+    imported: run.Imported | None = None  # where the run is from, if others recorded it
     # What its presses gave when optics were calibrated from them.
-    optics: CalibratedOptics | None = None
+    optics: run.CalibratedOptics | None = None
     optics_picture: bytes = b""  # of each of its presses, real, rendered and apart, as PNG
     # What is no fault and has to be known of how the run was recorded, in sentences.
     notes: tuple[str, ...] = ()
@@ -250,7 +238,7 @@ class RunEvidence:
         return None if self.model is None else model_of((self.model, *self.others), trial)
 
     @property
-    def drawn(self) -> RunEvidence:
+    def drawn(self) -> Self:
         """Without the states on the way, which only the page shows: most of the memory."""
         trials = tuple(replace(trial, intermediate=()) for trial in self.trials)
         return replace(self, trials=trials)
@@ -263,18 +251,18 @@ class RunEvidence:
         """
         optics = {} if self.model is None else self.model.optics
         files = {} if self.imported is None else self.imported.files
-        if IMAGES_SHA256 in optics:
+        if run.IMAGES_SHA256 in optics:
             seen = [trial.images.real for trial in self.trials if trial.images is not None]
             own = {sha256(image.tobytes()).hexdigest() for image in seen} | set(files.values())
-            return not own.isdisjoint(optics[IMAGES_SHA256])
+            return not own.isdisjoint(optics[run.IMAGES_SHA256])
         folder = "" if self.imported is None else f" ball presses in {self.imported.source}"
         return bool(folder) and str(optics.get("source", "")).endswith(folder)
 
     @property
     def marks(self) -> tuple[str, ...]:
         """What every page and figure has to say of where its numbers are from."""
-        imported = () if self.imported is None else (IMPORTED_MARK,)
-        return (*imported, SIMULATED_MARK) if self.simulated else imported
+        imported = () if self.imported is None else (run.IMPORTED_MARK,)
+        return (*imported, run.SIMULATED_MARK) if self.simulated else imported
 
     @property
     def camera(self) -> str:

@@ -1,13 +1,11 @@
 """What is read of an attempt, each frame decoded once, and what a replay keeps of a press."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Collection, Sequence
 from copy import copy
 from functools import cached_property
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import cv2
 import numpy as np
@@ -202,7 +200,7 @@ class RunReading:
         self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
 
-    def of(self, trials: Collection[int]) -> RunReading:
+    def of(self, trials: Collection[int]) -> Self:
         """Return some of its trials; what was read of them is shared."""
         part = copy(self)
         part.records = {index: self.records[index] for index in self.records if index in trials}

@@ -1,33 +1,96 @@
-"""From a run folder and its replay to the evidence of a report."""
+"""From a run folder, its replay and an emulator's trace to the evidence of a report."""
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
-from reports.evidence.emulated_truth import emulated_world
-from reports.evidence.evidence_types import JournalSummary, RunEvidence, TrialEvidence
+import numpy as np
+
+from reports.evidence import evidence_types
 from reports.evidence.frames_and_curves import RunReading, readable
 from reports.evidence.intermediate_states import intermediate_states
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import REFINE_RATIO, Stated, stated_uncertainty
+from tacauchy_rig.core.config.settings import REFINE_RATIO, RigConfig, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
-from tacauchy_rig.core.simulated import Replay, model_of
+from tacauchy_rig.core.simulated import ForceDepthCurve, Replay, model_of
 from tacauchy_rig.core.store.check.attempt_files_check import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.run_files import read_bytes
+from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
+
+FORCE_TRACE = "force_trace.jsonl"
+Z = 2
+MIN_TRACE_SAMPLES = 10
+
+
+def emulated_world(
+    store: RunStore, records: Mapping[int, TrialRecord | None]
+) -> evidence_types.EmulatedWorld | None:
+    """Return what is known of the world of a dry run; None of any other run."""
+    values = readable(store.truth.load)
+    if values is None:
+        return None
+    windows = {
+        index: record.windows["dwell"]
+        for index, record in records.items()
+        if record is not None and "dwell" in record.windows
+    }
+    return evidence_types.EmulatedWorld(
+        values=values,
+        surface_expected_m=store.config.sensor.surface[Z],
+        dwells=read_true_dwells(store.paths.emulation / FORCE_TRACE, windows),
+    )
+
+
+def read_true_dwells(
+    trace: Path, windows: Mapping[int, tuple[int, int]]
+) -> dict[int, tuple[float, float]]:
+    """Return the mean true force [N] and depth [m] over each trial's dwell.
+
+    Args:
+        trace: ``force_trace.jsonl`` of the emulated force sensor, one frame a line. A trace that
+            is missing or was started anew after an interruption gives fewer trials.
+        windows: Per trial, first and last stamp of the dwell [ns].
+    """
+    if not trace.is_file():
+        return {}
+    largest = 1 << 30
+    samples: dict[int, list[tuple[float, float]]] = {index: [] for index in windows}
+    with (
+        open_file(trace, what="what the emulators noted", max_bytes=largest) as descriptor,
+        open(descriptor, encoding="utf-8", errors="replace", closefd=False) as lines,
+    ):
+        for stamp, force, depth in _trace_rows(lines):
+            for index, (start, end) in windows.items():
+                if start <= stamp <= end:
+                    samples[index].append((force, depth))
+    means = {i: np.mean(v, axis=0) for i, v in samples.items() if len(v) >= MIN_TRACE_SAMPLES}
+    return {i: (float(m[0]), float(m[1])) for i, m in means.items()}
+
+
+def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:
+    for line in lines:
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError):
+            continue  # the emulator was killed while it wrote its last line
+        found = row if isinstance(row, dict) else {}
+        stamp, force, depth = (found.get(f) for f in ("stamp_ns", "force_true_n", "depth_true_m"))
+        if isinstance(stamp, int) and all(isinstance(v, int | float) for v in (force, depth)):
+            yield stamp, force or 0.0, depth or 0.0
+
 
 CLOCK_SINCE_NS, CLOCK_UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 """The years 2000 and 2100: stamps outside are not counted from 1970."""
 
 
-def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
+def load_evidence(run: RunReading, replay: Replay | None) -> evidence_types.RunEvidence:
     """Read all that a report needs.
 
     Args:
@@ -49,7 +112,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
     _require_a_result(check, run)
     force_check, series = readable(store.force_check.load), force_series(store)
     trials = tuple(
-        TrialEvidence(
+        evidence_types.TrialEvidence(
             index=index,
             force_target_n=_target_n(store, index, record),
             record=record,
@@ -70,7 +133,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
         for index, record in run.records.items()
     )
     picture, journal = store.paths.calibration_picture, store.paths.journal
-    return RunEvidence(
+    return evidence_types.RunEvidence(
         trials=trials,
         simulated=store.simulated,
         thresholds=config.report,
@@ -204,10 +267,10 @@ def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
     return ForceDepthCurve.merged([model.stated_force_history or (), *fitted])
 
 
-def summarize_journal(events: list[JournalEvent]) -> JournalSummary:
+def summarize_journal(events: list[JournalEvent]) -> evidence_types.JournalSummary:
     """Count attempts, faults, aborts and resumptions, and keep what was said of each fault."""
     names = [event.name for event in events]
-    return JournalSummary(
+    return evidence_types.JournalSummary(
         attempt_count=names.count("attempt-start"),
         fault_count=names.count("fault") + names.count("process-died"),
         abort_count=names.count("abort"),

@@ -1,7 +1,5 @@
 """Intermediate states of a press: what a replay keeps of it, and the frames nearest in force."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.simulated import ForceDepthCurve
 
 TRIALS_MIN = 3
 """Two presses are met by any tilt and lever arm together."""

@@ -12,7 +12,6 @@ from reports.comparison.result_types import TrialResult, ValidationReport
 from reports.evidence.evidence_types import Curve, RunEvidence, TrialEvidence
 from reports.figures.trial_axis import force_title, shown
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.plot_style import (
     BLUE,
     COLUMN_IN,
@@ -25,6 +24,7 @@ from tacauchy_rig.core.plot_style import (
     SKY,
     new_figure,
 )
+from tacauchy_rig.core.simulated import ForceDepthCurve
 
 MAX_POINTS = 1500
 FEW_POINTS = 60  # of a curve, which are marked each

@@ -16,13 +16,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.result_types import TrialResult, ValidationReport
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvidence
-from reports.figures.difference_colours import (
-    DIFFERENCE_COLORS,
-    LEAST_LIMIT,
-    LINEAR_LEVELS,
-    difference_scale,
-    luminance_difference,
-)
+from reports.figures import difference_colours as colours
 from reports.figures.trial_axis import force_label, force_title, label_forces, shown
 from reports.scores.image_metrics import ImageScores, Metric
 from reports.scores.wrong_forces import CONTACT_RESIDUAL, WrongForceMatrix
@@ -40,7 +34,7 @@ def draw_images(evidence: RunEvidence) -> Figure:
     height = 3 * (panel * geometry.height_px / geometry.width_px + 0.03) + 0.2
     figure = new_figure(PAGE_IN, height, marks=evidence.marks, pad_in=0.012)
     grid = figure.subplots(3, len(trials), squeeze=False)
-    scale = difference_scale(map(luminance_difference, evidence.trials))
+    scale = colours.difference_scale(map(colours.luminance_difference, evidence.trials))
     mapped: AxesImage | None = None
     for column, trial in enumerate(trials):
         mapped = _draw_column(grid[:, column], trial, scale) or mapped
@@ -53,7 +47,7 @@ def draw_images(evidence: RunEvidence) -> Figure:
     if mapped is not None:
         bar = figure.colorbar(mapped, cax=grid[2, -1].inset_axes((1.06, 0.0, 0.06, 1.0)))
         bar.set_label(f"Sim. − {evidence.camera}\n(grey levels)", fontsize=6.5, linespacing=1.0)
-        ends = (LINEAR_LEVELS, float(scale.vmax or LEAST_LIMIT))
+        ends = (colours.LINEAR_LEVELS, float(scale.vmax or colours.LEAST_LIMIT))
         ticks = [-ends[1], -ends[0], 0.0, *ends]
         bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "\u2212") for tick in ticks])
         bar.minorticks_off()
@@ -78,8 +72,8 @@ def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> A
     real = None if trial.images is None else trial.images.real
     for axes, image in zip(column, (real, trial.simulated_image), strict=False):
         show_framed(axes, image, interpolation="none")
-    scale = {"cmap": DIFFERENCE_COLORS, "norm": norm, "interpolation": "none"}
-    return show_framed(column[2], luminance_difference(trial), **scale)
+    scale = {"cmap": colours.DIFFERENCE_COLORS, "norm": norm, "interpolation": "none"}
+    return show_framed(column[2], colours.luminance_difference(trial), **scale)
 
 
 def _draw_scale_bar(axes: Axes, geometry: ImageGeometry) -> None:

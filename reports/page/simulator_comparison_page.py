@@ -21,12 +21,7 @@ from reports.comparison.simulator_comparison import (
     contests,
 )
 from reports.evidence.evidence_types import TrialEvidence, TrialImages
-from reports.figures.difference_colours import (
-    DIFFERENCE_COLORS,
-    LINEAR_LEVELS,
-    difference_scale,
-    luminance_error,
-)
+from reports.figures import difference_colours as colours
 from reports.figures.images_and_scores import show_framed
 from reports.figures.trial_axis import force_title, shown
 from reports.page.report_html import page_environment
@@ -63,10 +58,9 @@ def draw_judged(judgement: Judgement) -> Figure:
         name = textwrap.fill(simulator.simulator.name, NAME_WIDTH)
         grid[1 + 2 * k, 0].set_ylabel(name, fontsize=6.5)
         grid[2 + 2 * k, 0].set_ylabel("minus camera", fontsize=6.5)
-    said = (
-        f"purple −{scale.vmax:g}, orange +{scale.vmax:g} grey levels, linear to {LINEAR_LEVELS:g}"
-    )
-    figure.supxlabel(f"Differences of luminance: {said}", fontsize=6.5)
+    said = f"purple −{scale.vmax:g}, orange +{scale.vmax:g} grey levels"
+    linear = f"linear to {colours.LINEAR_LEVELS:g}"
+    figure.supxlabel(f"Differences of luminance: {said}, {linear}", fontsize=6.5)
     return figure
 
 
@@ -79,11 +73,11 @@ def _draw_column(
 ) -> None:
     crop = _crop(images)
     show_framed(column[0], images.real[crop], interpolation="nearest")
-    colors = {"cmap": DIFFERENCE_COLORS, "norm": scale}
+    colors = {"cmap": colours.DIFFERENCE_COLORS, "norm": scale}
     for k, simulator in enumerate(drawn):
         pair = column[1 + 2 * k], column[2 + 2 * k]
         image = simulator.image(trial.index)
-        seen = (None, None) if image is None else (image, luminance_error(images, image))
+        seen = (None, None) if image is None else (image, colours.luminance_error(images, image))
         for axes, each, how in zip(pair, seen, ({}, colors), strict=True):
             part = None if each is None else each[crop]
             show_framed(axes, part, interpolation="nearest", **how)
@@ -99,8 +93,8 @@ def _crop(images: TrialImages) -> tuple[slice, slice]:
 
 def _scale(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) -> AsinhNorm:
     """Return the colours that all differences share."""
-    return difference_scale(
-        luminance_error(t.images, image)[_crop(t.images)]
+    return colours.difference_scale(
+        colours.luminance_error(t.images, image)[_crop(t.images)]
         for t in trials
         for simulator in drawn
         if t.images is not None and (image := simulator.image(t.index)) is not None

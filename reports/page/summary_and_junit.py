@@ -21,8 +21,7 @@ from reports.figures.difference_colours import (
 )
 from reports.page.report_html import is_unknown, passing_states, render_html
 from reports.scores.confidence_interval import CONFIDENCE
-from reports.scores.floor_and_ceiling import NOISE_MULTIPLE
-from reports.scores.image_metrics import Metric
+from reports.scores.image_metrics import NOISE_MULTIPLE, Metric
 from tacauchy_rig.core.config.load import leaves
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import encode_png

@@ -14,10 +14,9 @@ import numpy as np
 
 from reports.evidence.evidence_types import TrialEvidence
 from reports.scores.confidence_interval import student_t
-from tacauchy_rig.core.config.stated_uncertainty import Stated
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.config.settings import Stated
 from tacauchy_rig.core.run import FZ
-from tacauchy_rig.core.simulated import ForceInput, ReplayModel
+from tacauchy_rig.core.simulated import ForceDepthCurve, ForceInput, ReplayModel
 
 
 class TermGroup(StrEnum):

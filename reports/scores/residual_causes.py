@@ -20,8 +20,7 @@ from functools import partial
 import numpy as np
 
 from reports.evidence.evidence_types import TrialImages
-from reports.scores.contact_scores import image_change, rectangle_around, relative_residual, touched
-from reports.scores.pose_and_light_residual import register_changes, shift_change, smooth_change
+from reports.scores import contact_scores
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
 
@@ -34,7 +33,7 @@ SMOOTHING_PX = 1.5
 """Unknowns are found in images without what neither a mesh nor a camera tells of a contact: with it
 half as much of a planted tilt or modulus is found. Shares are of the images as they are."""
 
-_smoothed = partial(smooth_change, sigma_px=SMOOTHING_PX)
+_smoothed = partial(contact_scores.smooth_change, sigma_px=SMOOTHING_PX)
 _AROUND_PX = 8  # five standard deviations of the smoothing
 _LEAST_SQUARE = 1e-9  # [grey level^2] of a residual: images of the same press weigh no more
 _PLACES = ("place along x", "place along y")
@@ -88,7 +87,7 @@ class _Trial:
 
     def moved(self, place: tuple[float, float]) -> FloatArray:
         """Return the simulated change as it would lie there [px], around the contact."""
-        return shift_change(self.simulated, *place)[self.around]
+        return contact_scores.shift_change(self.simulated, *place)[self.around]
 
 
 def split_residual(
@@ -118,7 +117,7 @@ def split_residual(
     plain, softened = dict[str, Mode](), dict[str, Mode]()
     for mode in modes:
         around = {
-            t.index: shift_change(mode.changes[t.index], *place)[t.around]
+            t.index: contact_scores.shift_change(mode.changes[t.index], *place)[t.around]
             for t in trials
             if t.index in mode.changes
         }
@@ -135,11 +134,13 @@ def split_residual(
 
 
 def _trial(index: int, images: TrialImages, simulated: ImageArray) -> _Trial | None:
-    real, made = (image_change(each, images.reference) for each in (images.real, simulated))
-    seen = touched(images)
+    real, made = (
+        contact_scores.image_change(each, images.reference) for each in (images.real, simulated)
+    )
+    seen = contact_scores.touched(images)
     if seen is None:
         return None
-    around = rectangle_around(seen.region, margin_px=_AROUND_PX)
+    around = contact_scores.rectangle_around(seen.region, margin_px=_AROUND_PX)
     return _Trial(index, real, made, seen.region, around, _noise(images))
 
 
@@ -151,13 +152,13 @@ def _noise(images: TrialImages) -> float:
     """
     if images.first_half is None or images.second_half is None:
         return 0.0
-    apart = image_change(images.first_half, images.second_half)
+    apart = contact_scores.image_change(images.first_half, images.second_half)
     return 2.0 * 0.25 * float(np.mean(np.square(apart)))
 
 
 def _place(trials: Sequence[_Trial]) -> tuple[float, float]:
     """Return how far the contacts lie beside where they are simulated [px], of all trials."""
-    found = [register_changes(t.real, t.simulated, t.region) for t in trials]
+    found = [contact_scores.register_changes(t.real, t.simulated, t.region) for t in trials]
     known = [shift for shift in found if shift is not None]
     if not known:
         return 0.0, 0.0
@@ -233,7 +234,7 @@ def _shared(
         trials=tuple(
             TrialSplit(
                 trial=t.index,
-                residual=relative_residual(t.real, t.simulated, t.region),
+                residual=contact_scores.relative_residual(t.real, t.simulated, t.region),
                 shares=_of_all(squares[t.index], ranked),
             )
             for t in trials

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from reports.evidence.frames_and_curves import AttemptReading, RunReading
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ
 

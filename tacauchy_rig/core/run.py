@@ -5,13 +5,11 @@ Drivers, protocols, sim and reports never import one another; they meet in these
 writes. All values are SI.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 SIMULATED_MARK = "SIMULATED: emulated devices"
 IMPORTED_MARK = "IMPORTED: recorded elsewhere"
@@ -39,7 +37,7 @@ class Pose:
     rotation_vector: Vector3
 
     @classmethod
-    def of(cls, vector: Iterable[float]) -> Pose:
+    def of(cls, vector: Iterable[float]) -> Self:
         """Return the pose of ``(x, y, z, rx, ry, rz)`` [m, rad]."""
         six = vector6(vector)
         return cls(position=six[:3], rotation_vector=six[3:])
@@ -48,10 +46,10 @@ class Pose:
         """Return ``(x, y, z, rx, ry, rz)`` [m, rad]."""
         return (*self.position, *self.rotation_vector)
 
-    def shifted(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+    def shifted(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Self:
         """Return the pose moved by (x, y, z) [m] with the same orientation."""
         px, py, pz = self.position
-        return Pose(position=(px + x, py + y, pz + z), rotation_vector=self.rotation_vector)
+        return replace(self, position=(px + x, py + y, pz + z))
 
 
 FZ = 2
@@ -179,7 +177,7 @@ class Criterion:
     @classmethod
     def judged(
         cls, name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
-    ) -> Criterion:
+    ) -> Self:
         """Return a criterion; one that is met needs no remedy."""
         return cls(
             name=name,
@@ -193,15 +191,13 @@ class Criterion:
     @classmethod
     def at_most(
         cls, name: str, measured: float, limit: float, *, unit: str = "", remedy: str
-    ) -> Criterion:
+    ) -> Self:
         """Return whether ``measured`` is no larger than ``limit``."""
         told, passed = f"<= {limit:g} {unit}".strip(), measured <= limit
         return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
 
     @classmethod
-    def at_least(
-        cls, name: str, measured: float, limit: float, *, unit: str, remedy: str
-    ) -> Criterion:
+    def at_least(cls, name: str, measured: float, limit: float, *, unit: str, remedy: str) -> Self:
         """Return whether ``measured`` is no smaller than ``limit``."""
         told, passed = f">= {limit:g} {unit}", measured >= limit
         return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
@@ -279,7 +275,18 @@ class TrialRecord:
         """True when the attempt ran to its end and met every criterion."""
         return self.outcome is Outcome.PASSED
 
-    def doubted(self, criterion: Criterion) -> TrialRecord:
+    @property
+    def windows(self) -> dict[str, tuple[int, int]]:
+        """First and last stamp [ns] of ``tare``, ``reference`` and ``dwell``, as far as known."""
+        tare = self.tare_before
+        found = {
+            "tare": (None, None) if tare is None else (tare.start_ns, tare.end_ns),
+            "reference": (self.reference_start_ns, self.reference_end_ns),
+            "dwell": (self.dwell_start_ns, self.dwell_end_ns),
+        }
+        return {k: (a, b) for k, (a, b) in found.items() if a is not None and b is not None}
+
+    def doubted(self, criterion: Criterion) -> Self:
         """Return the record of an attempt that missed ``criterion`` in hindsight."""
         outcome = Outcome.FAILED if self.passed else self.outcome
         criteria = (*(c for c in self.criteria if c.name != criterion.name), criterion)
@@ -305,7 +312,7 @@ class JournalEvent:
     detail: dict[str, Any] = field(default_factory=dict, metadata={FREE: True})
 
     @classmethod
-    def now(cls, name: str, **detail: Any) -> JournalEvent:
+    def now(cls, name: str, **detail: Any) -> Self:
         """Return an event of this moment that belongs to no attempt."""
         return cls(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
 

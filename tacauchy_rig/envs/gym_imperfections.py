@@ -104,10 +104,10 @@ def _root_mean(squares: FloatArray) -> tuple[float, ...]:
 
 def _squares(run: RunReading, record: TrialRecord) -> Iterator[float]:
     """Yield the variance of the pixels of a trial's frames before contact [grey levels^2]."""
-    start_ns, end_ns = record.reference_start_ns, record.reference_end_ns
-    if start_ns is None or end_ns is None or (attempt := run.attempt(record.index)) is None:
+    attempt = run.attempt(record.index)
+    if attempt is None or "reference" not in record.windows:
         return
-    decoded = map(decode_frame, attempt.recording.frames(start_ns, end_ns))
+    decoded = map(decode_frame, attempt.recording.frames(*record.windows["reference"]))
     frames = [crop_and_resize(each, run.geometry) for each in decoded if each is not None]
     if len(frames) > 1:
         yield float(np.stack(frames).var(axis=0, ddof=1, dtype=np.float64).mean())

@@ -9,12 +9,10 @@ from typing import Any
 import pytest
 
 from drivers.interfaces import Rig
-from protocols.control.cycle import Cycle
-from protocols.control.record_entries_and_rates import Begin, End, Entry, Journal
+from protocols.control.cycle import Begin, Cycle, End, Entry, Journal
 from protocols.guard.abort import Abort
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.trials.attempt_and_criteria import PlannedTrial
-from protocols.trials.trial_sequence import ProgrammeResult, run_programme
+from protocols.trials.trial_sequence import PlannedTrial, ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import (

@@ -24,7 +24,6 @@ from reports.evidence.evidence_types import (
 from reports.page import summary_and_junit as report_files
 from reports.page.summary_and_junit import ReportPaths, write_report
 from tacauchy_rig.core.config.settings import ReportSection
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,
@@ -36,7 +35,7 @@ from tacauchy_rig.core.run import (
     Tare,
     TrialRecord,
 )
-from tacauchy_rig.core.simulated import Replay, ReplayTrial
+from tacauchy_rig.core.simulated import ForceDepthCurve, Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore

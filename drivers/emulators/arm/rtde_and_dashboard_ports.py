@@ -8,19 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import ClassVar
 
-from drivers.arm.ur5_rtde import (
-    DASHBOARD_PORT,
-    INPUT_TYPES,
-    OUTPUT_TYPES,
-    PROTOCOL_VERSION,
-    RTDE_PORT,
-    SCRIPT_PORT,
-    PacketKind,
-    PacketReader,
-    Recipe,
-    pack_packet,
-    split_names,
-)
+from drivers.arm import ur5_rtde as rtde
 from drivers.emulators.arm.safety_and_registers import VERSIONS, ControllerBody
 from drivers.emulators.faults import take_due
 from tacauchy_rig.core.config.settings import RobotModel
@@ -47,9 +35,9 @@ class Connection:
         self.alive = True  # false once the client is gone; the owner then drops it
         self.delay_s = 0.0  # added to both directions [s], to imitate a slow network
         self.partial = b""  # text that is not complete yet
-        self.reader = PacketReader()  # this and the following fields belong to an RTDE client
-        self.output: Recipe | None = None  # fields that the client has asked to receive
-        self.inputs: list[Recipe] = []  # fields that the client has announced to send
+        self.reader = rtde.PacketReader()  # this and the following fields belong to an RTDE client
+        self.output: rtde.Recipe | None = None  # fields that the client has asked to receive
+        self.inputs: list[rtde.Recipe] = []  # fields that the client has announced to send
         self.every_cycles = 1  # cycles between two states that it is sent, once ``started``
         self.started = False
         self._unsent = bytearray()
@@ -168,7 +156,7 @@ class RtdePort(Port):
     """The RTDE server: handshakes, state out, registers in."""
 
     def __init__(self, host: str, body: ControllerBody) -> None:
-        super().__init__(host, RTDE_PORT)
+        super().__init__(host, rtde.RTDE_PORT)
         # Names of the input fields that clients wrote in the last ``service``.
         self.written: set[str] = set()
         self._body = body
@@ -186,56 +174,56 @@ class RtdePort(Port):
             is_due = client.started and cycle % client.every_cycles == 0
             if is_due and client.output is not None and not client.is_congested:
                 data = b"\x01" + client.output.pack(self._body.outputs)
-                client.send(pack_packet(PacketKind.DATA, data), now_s)
+                client.send(rtde.pack_packet(rtde.PacketKind.DATA, data), now_s)
 
     def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
         try:
             for kind, body in connection.reader.feed(data):
-                if kind == PacketKind.DATA:
+                if kind == rtde.PacketKind.DATA:
                     recipe = connection.inputs[body[0] - 1]
                     self._body.inputs |= recipe.unpack(body[1:])
                     self.written.update(recipe.names)
                 elif (reply := self._reply(connection, kind, body)) is not None:
-                    connection.send(pack_packet(kind, reply), now_s)
+                    connection.send(rtde.pack_packet(kind, reply), now_s)
         except (DeviceError, IndexError, struct.error):
             connection.alive = False
 
     def _reply(self, client: Connection, kind: int, body: bytes) -> bytes | None:
-        if kind == PacketKind.REQUEST_PROTOCOL_VERSION:
-            return bytes([int.from_bytes(body[:2], "big") == PROTOCOL_VERSION])
-        if kind == PacketKind.GET_URCONTROL_VERSION:
+        if kind == rtde.PacketKind.REQUEST_PROTOCOL_VERSION:
+            return bytes([int.from_bytes(body[:2], "big") == rtde.PROTOCOL_VERSION])
+        if kind == rtde.PacketKind.GET_URCONTROL_VERSION:
             return _VERSION.pack(*VERSIONS[self._body.model])
-        if kind == PacketKind.SETUP_OUTPUTS:
+        if kind == rtde.PacketKind.SETUP_OUTPUTS:
             return self._set_up_outputs(client, body)
-        if kind == PacketKind.SETUP_INPUTS:
-            return self._set_up_inputs(client, split_names(body))
-        if kind in (PacketKind.START, PacketKind.PAUSE):
-            client.started = kind == PacketKind.START and client.output is not None
-            return bytes([client.started or kind == PacketKind.PAUSE])
+        if kind == rtde.PacketKind.SETUP_INPUTS:
+            return self._set_up_inputs(client, rtde.split_names(body))
+        if kind in (rtde.PacketKind.START, rtde.PacketKind.PAUSE):
+            client.started = kind == rtde.PacketKind.START and client.output is not None
+            return bytes([client.started or kind == rtde.PacketKind.PAUSE])
         return None
 
     def _set_up_outputs(self, client: Connection, body: bytes) -> bytes:
         (frequency,) = _FREQUENCY.unpack_from(body)
-        names = split_names(body[_FREQUENCY.size :])
+        names = rtde.split_names(body[_FREQUENCY.size :])
         found = ["FOUND" if name in self._body.outputs else "NOT_FOUND" for name in names]
         if "NOT_FOUND" in found:
             return b"\x00" + ",".join(found).encode()
         rate = self._body.model.rate_hz
         client.every_cycles = max(1, round(rate / frequency)) if 0 < frequency < rate else 1
-        client.output = Recipe(names, OUTPUT_TYPES)
+        client.output = rtde.Recipe(names, rtde.OUTPUT_TYPES)
         return b"\x01" + ",".join(client.output.types).encode()
 
     def _set_up_inputs(self, client: Connection, names: list[str]) -> bytes:
         types = [
             "IN_USE"
             if self._owners.get(name, client) is not client
-            else INPUT_TYPES.get(name, "NOT_FOUND")
+            else rtde.INPUT_TYPES.get(name, "NOT_FOUND")
             for name in names
         ]
         if "NOT_FOUND" in types or "IN_USE" in types:
             return b"\x00" + ",".join(types).encode()
         self._owners |= dict.fromkeys(names, client)
-        client.inputs.append(Recipe(names, INPUT_TYPES))
+        client.inputs.append(rtde.Recipe(names, rtde.INPUT_TYPES))
         return bytes([len(client.inputs)]) + ",".join(types).encode()
 
 
@@ -256,7 +244,7 @@ class DashboardPort(Port):
         stop_program: Callable[[], None],
         reset_safety: Callable[[], None],
     ) -> None:
-        super().__init__(host, DASHBOARD_PORT)
+        super().__init__(host, rtde.DASHBOARD_PORT)
         self._body = body
         self._actions = {
             "stop": (stop_program, "Stopped"),
@@ -309,7 +297,7 @@ class ScriptPort(Port):
     """
 
     def __init__(self, host: str, *, start_program: Callable[[int], None]) -> None:
-        super().__init__(host, SCRIPT_PORT)
+        super().__init__(host, rtde.SCRIPT_PORT)
         self._start_program = start_program
 
     def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:  # noqa: ARG002

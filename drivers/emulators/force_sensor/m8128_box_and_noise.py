@@ -24,13 +24,7 @@ from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.force_sensor.sri_protocol import (
-    LINE_END,
-    Reply,
-    decode_command,
-    encode_frame,
-    encode_reply,
-)
+from drivers.force_sensor import sri_m3733c
 from tacauchy_rig.core.config.settings import Checksum
 from tacauchy_rig.core.known_weight import GRAVITY_M_S2
 from tacauchy_rig.core.rotations import rotated
@@ -168,7 +162,7 @@ class EmulatedBox:
         self._number += 1
         active = {fault.kind: fault for fault in self._service.faults_at(stamp_ns * 1e-9)}
         values = self._silent.reading(reading, active.values(), stamp_ns=stamp_ns)
-        data = encode_frame(self._number, values, checksum=self._commands.checksum)
+        data = sri_m3733c.encode_frame(self._number, values, checksum=self._commands.checksum)
         self._line.put(data, active, due_ns=stamp_ns + self._latency_ns)
         record = {
             "number": self._number,
@@ -221,19 +215,19 @@ class BoxCommands:
 
     def receive(self, data: bytes) -> bytes:
         """Take bytes from the host and return the replies to the lines that they complete."""
-        *lines, rest = (self._line + data).split(LINE_END)
+        *lines, rest = (self._line + data).split(sri_m3733c.LINE_END)
         self._line = rest[-_LINE_LIMIT:]
         return b"".join(self._answer(line) for line in lines)
 
     def _answer(self, line: bytes) -> bytes:
-        command = decode_command(line)
+        command = sri_m3733c.decode_command(line)
         reply = None if command is None else self._execute(*command)
         if "silent" in self._quirks or reply is None:
             return b""
-        data = encode_reply(reply)
+        data = sri_m3733c.encode_reply(reply)
         return data.replace(b"$", b"") if "bare" in self._quirks else data
 
-    def _execute(self, name: str, value: str | None) -> Reply:
+    def _execute(self, name: str, value: str | None) -> sri_m3733c.Reply:
         value = value or ""
         if value == "?":
             known = {
@@ -241,7 +235,7 @@ class BoxCommands:
                 "DCKMD": self.checksum.value,
                 "SGDM": self._format,
             }
-            return Reply(name, known.get(name, ""), refused=name not in known)
+            return sri_m3733c.Reply(name, known.get(name, ""), refused=name not in known)
         if name == "GSD":
             self.streaming = value != "STOP"
         elif name == self._rate_command and value.isdecimal() and 0 < int(value) <= MAX_RATE_HZ:
@@ -251,8 +245,8 @@ class BoxCommands:
         elif name == "SGDM" and value.startswith("(A01,A02,A03,A04,A05,A06);E;1;"):
             self._format = value
         else:
-            return Reply(name, value, refused=True)
-        return Reply(name, value)
+            return sri_m3733c.Reply(name, value, refused=True)
+        return sri_m3733c.Reply(name, value)
 
 
 class ForceChannel:

@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
 from drivers.emulators.plant.quad_mesh import QuadMesh
-from drivers.emulators.plant.tips import Tip, TipDistance
+from drivers.emulators.plant.truth import Tip, TipDistance
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConvergenceError
 

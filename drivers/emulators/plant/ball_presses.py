@@ -18,8 +18,7 @@ import numpy as np
 
 from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
 from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.tips import SphereTip
-from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth
+from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth, SphereTip
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg
 

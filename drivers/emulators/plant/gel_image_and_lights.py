@@ -23,8 +23,7 @@ from drivers.emulators.plant.relief_shadows_and_texture import (
     relief_of,
     visible_share,
 )
-from drivers.emulators.plant.tips import Tip
-from drivers.emulators.plant.truth import EmulatedUnit, GelLight, MarkerGrid, PlantTruth
+from drivers.emulators.plant.truth import EmulatedUnit, GelLight, MarkerGrid, PlantTruth, Tip
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.tips import Tip
-from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.truth import PlantTruth, Tip
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.rotations import rotated
 from tacauchy_rig.core.run import Pose, Vector3

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
-from drivers.emulators.plant.tips import CylinderTip, Tip
-from drivers.emulators.plant.truth import FRICTION, GelDisc
+from drivers.emulators.plant.truth import FRICTION, CylinderTip, GelDisc, Tip
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 

@@ -1,10 +1,9 @@
 """Which requests a page answers: those with its token, from its own pages, at its own address."""
 
-from __future__ import annotations
-
 import hmac
 import secrets
 from dataclasses import dataclass, replace
+from typing import Self
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
@@ -31,7 +30,7 @@ class AccessRule:
     token: str
     port: int
 
-    def narrowed(self, name: str) -> AccessRule:
+    def narrowed(self, name: str) -> Self:
         """Return the rule of one part of a page, whose address tells nothing of the token."""
         key = hmac.new(self.token.encode(), name.encode(), "sha256").hexdigest()
         return replace(self, token=key)

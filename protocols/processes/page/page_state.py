@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
+from protocols.processes.child_process import AFTERWARDS, CONTROL_ENDED
 from protocols.processes.ipc import Job, Shown
-from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord

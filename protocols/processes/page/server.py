@@ -6,6 +6,7 @@ import json
 import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
+from functools import lru_cache
 from importlib import resources
 
 import uvicorn
@@ -14,13 +15,30 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from drivers.camera.frame_checks import jpeg_size
 from protocols.processes.child_process import ignore_signals, run_child
 from protocols.processes.ipc import AbortRequest, Channel, FeedReader, Job, Order, feed_readers
 from protocols.processes.page.access_token import AccessRule
 from protocols.processes.page.page_state import View
-from protocols.processes.page.small_picture import reduced
-from tacauchy_rig.core.image_codec import media_type
+from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg, media_type
 from tacauchy_rig.core.run import JournalEvent
+
+WIDEST_PX = 1000
+
+
+@lru_cache(maxsize=16)
+def reduced(picture: bytes) -> bytes:
+    """Return a JPEG wider than ``WIDEST_PX`` at a half, a quarter or an eighth of its size.
+
+    Others are returned as they are, and so is what cannot be decoded.
+    """
+    size = jpeg_size(picture)
+    if size is None or size[0] <= WIDEST_PX:
+        return picture
+    reduction = next((by for by in (2, 4) if size[0] <= by * WIDEST_PX), 8)
+    colours = decode_rgb(picture, reduction=reduction)
+    return picture if colours is None else encode_jpeg(colours)
+
 
 PERIOD_S = 0.1
 WATCHERS_MAX = 4

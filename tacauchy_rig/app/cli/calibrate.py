@@ -11,18 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.scene.scene import Preset
-from tacauchy_rig.app.cli.output import (
-    Jobs,
-    JsonFile,
-    Overrides,
-    Steps,
-    complain,
-    say,
-    writable_folder,
-    write_json,
-    write_text,
-)
-from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
+from tacauchy_rig.app.cli import output
+from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.time_limit_and_progress import doing
@@ -41,8 +31,8 @@ def latency(
     *,
     sway: str = "12s",
     force: str = "2N",
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
+    overrides: output.Overrides = None,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Press once, sway up and down, and print the delay of force and image against the arm.
 
@@ -62,19 +52,19 @@ def latency(
     for name, each in (("force", found.force), ("image", found.image)):
         count = each.stale_count
         stale = f"; {count} more show another moment and are left out" if count else ""
-        say(
+        output.say(
             f"{name} is {each.delay_s * 1e3:+.2f} ms behind the arm, standard uncertainty "
             f"{each.uncertainty_s * 1e3:.2f} ms ({each.sample_count} samples, motion explains "
             f"{each.explained:.1%}{stale})"
         )
     worst_s = math.hypot(found.force.uncertainty_s, found.image.uncertainty_s)
-    say("for rig.toml:")
-    say(f'[force_sensor]\ndelay = "{found.force.delay_s * 1e3:.2f} ms"')
-    say(f'[camera]\ndelay = "{found.image.delay_s * 1e3:.2f} ms"')
-    say(f'[uncertainty]\ndelay = "{worst_s * 1e3:.2f} ms"')
-    write_json(json_file, {"run": str(store.paths.root), "latency": found})
+    output.say("for rig.toml:")
+    output.say(f'[force_sensor]\ndelay = "{found.force.delay_s * 1e3:.2f} ms"')
+    output.say(f'[camera]\ndelay = "{found.image.delay_s * 1e3:.2f} ms"')
+    output.say(f'[uncertainty]\ndelay = "{worst_s * 1e3:.2f} ms"')
+    output.write_json(json_file, {"run": str(store.paths.root), "latency": found})
     if found.trigger_missed:
-        complain(found.trigger_missed)
+        output.complain(found.trigger_missed)
         raise typer.Exit(1)
 
 
@@ -86,7 +76,7 @@ def scale(
     presses: Path | None = None,
     sensor: str | None = None,
     ball_diameter: str | None = None,
-    json_file: JsonFile = None,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Fit mm per pixel in x and y, rotation and centre of a camera.
 
@@ -137,7 +127,7 @@ def scale(
         "height_px": geometry.height,
         "points": points,
     }
-    write_json(json_file, found)
+    output.write_json(json_file, found)
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
@@ -182,7 +172,7 @@ def _from_presses(
                 reach[axis] = dome.value / (dome.value + ball_m)
                 errors[axis] = dome.uncertainty * ball_m / (dome.value + ball_m) ** 2
     else:
-        say("taken as flat: for a domed gel give --sensor and --ball-diameter")
+        output.say("taken as flat: for a domed gel give --sensor and --ball-diameter")
     height, width = known[0].image.shape[:2]
     fit = fit_scale(
         reach * np.array([places[press.name] for press in known]),
@@ -200,29 +190,29 @@ def _show_scale(fit: ScaleFit, points: str) -> None:
     off_x = geometry.centre_x_px - 0.5 * (geometry.width - 1)
     off_y = geometry.centre_y_px - 0.5 * (geometry.height - 1)
     size = f"{geometry.width} x {geometry.height} px"
-    say(f"from {points}, residual {fit.residual_px:.2f} px rms in an image of {size}")
+    output.say(f"from {points}, residual {fit.residual_px:.2f} px rms in an image of {size}")
     scales = tuple(
         zip("xy", (geometry.scale_x_m, geometry.scale_y_m), fit.scale_error_m, strict=True)
     )
     for axis, value, error in scales:
-        say(
+        output.say(
             f"scale {axis}    {value * 1e3:.5f} mm/px +- {error / value:.2%}, "
             f"{1e-3 / value:.3f} px/mm"
         )
-    say(
+    output.say(
         f"rotation   {math.degrees(geometry.rotation_rad):.3f} +- "
         f"{math.degrees(fit.rotation_error_rad):.3f} deg{', mirrored' * geometry.mirrored}, "
         f"axes {math.degrees(fit.shear_rad):.3f} deg from a right angle"
     )
-    say(
+    output.say(
         f"centre     column {geometry.centre_x_px:.2f}, row {geometry.centre_y_px:.2f} "
         f"(+- {fit.centre_error_px:.2f} px), {off_x:.2f}, {off_y:.2f} px from the image's middle"
     )
-    say("for the sensor's file:")
+    output.say("for the sensor's file:")
     for axis, value, error in scales:
-        say(_sensor_line(f"pixel_{axis}", value, error))
+        output.say(_sensor_line(f"pixel_{axis}", value, error))
     for (axis, value, _), off in zip(scales, (off_x, off_y), strict=True):
-        say(_sensor_line(f"centre_{axis}", -off * value, fit.centre_error_px * value))
+        output.say(_sensor_line(f"centre_{axis}", -off * value, fit.centre_error_px * value))
 
 
 def _sensor_line(key: str, value_m: float, error_m: float) -> str:
@@ -244,9 +234,9 @@ def material(
     out: Path | None = None,
     noise: str = "0.01N",
     contact_force: str = "0N",
-    overrides: Overrides = None,
-    jobs: Jobs = 1,
-    json_file: JsonFile = None,
+    overrides: output.Overrides = None,
+    jobs: output.Jobs = 1,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Fit E, nu and friction of a gel to forces at known depths, with 95 % intervals.
 
@@ -284,15 +274,15 @@ def material(
     )
     data = []
     for group in groups:
-        say(f"{group.name}: {len(group.force_n)} forces; solving")
+        output.say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
         mesh, own = data[-1][1].uncertain
-        say(
+        output.say(
             "  standard uncertainty of the interpolated forces: "
             f"{mesh:.1%} shared by all, {own:.1%} of each"
         )
         if group.scatter_n is not None:
-            say(f"  repeats scatter by {group.scatter_n:.2g} N")
+            output.say(f"  repeats scatter by {group.scatter_n:.2g} N")
     fit = GelFit(data=data)
     told = [fit.interval(place) for place in (YOUNG, NU, MU)]
     stated = groups[0].inputs.sensor.numbers["material.poisson"]
@@ -305,23 +295,23 @@ def material(
     _show_gel(fit, told)
     assumed = [f"{'nu' if k == NU else 'mu'} {m:.3g} +- {u:.2g}" for k, (m, u) in priors.items()]
     if assumed:
-        say(f"with {' and '.join(assumed)} as stated, E is {_written(young, 1e-6, ' MPa')}")
+        output.say(f"with {' and '.join(assumed)} as stated, E is {_written(young, 1e-6, ' MPa')}")
     left_out = list(predict_left_out(fit))
     if left_out:
         held = sum(each.held for each in left_out)
-        say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
+        output.say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
     terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
     for path, term in terms.items():
-        say(f"{path}: {term or 'the dwells show no relaxation'}")
+        output.say(f"{path}: {term or 'the dwells show no relaxation'}")
     if not terms:
-        say("relaxation: unknown, a table has no times; record a run with protocol.dwell")
+        output.say("relaxation: unknown, a table has no times; record a run with protocol.dwell")
     wrong = contradictions(fit, left_out)
     note = None if wrong else other_unit(fit)
     for sentence in [*wrong, *([f"note: {note}"] if note else [])]:
-        say(sentence)
+        output.say(sentence)
     advice = [] if wrong else next_presses(fit)
     for each in advice[:ADVISED]:
-        say(f"next: {each}")
+        output.say(f"next: {each}")
     if out is not None and not wrong:
         _write(out, written.best.tolist(), young, told[NU], groups)
     names = ("young", "poisson", "friction")
@@ -333,7 +323,7 @@ def material(
         "relaxation": terms,
         "contradictions": wrong,
     }
-    write_json(json_file, found)
+    output.write_json(json_file, found)
     raise typer.Exit(1 if wrong else 0)
 
 
@@ -352,17 +342,17 @@ def _write(
     text = sensor_text(groups[0].config.sensor.name)
     source = f"calibrate material{emulated}: {count}; with nu {nu:.4g}, friction {mu:.2g}"
     poisson = replace(poisson, best=nu)
-    write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
-    say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
+    output.write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
+    output.say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
 
 
 def _show_gel(fit: GelFit, told: list[Interval]) -> None:
-    say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
+    output.say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
     rows = (("modulus E", 1e-6, " MPa"), ("Poisson's ratio nu", 1.0, ""), ("friction mu", 1.0, ""))
     for found, (name, factor, unit) in zip(told, rows, strict=True):
-        say(f"{name:19} {_written(found, factor, unit)}")
+        output.say(f"{name:19} {_written(found, factor, unit)}")
     for name, zero_m in zip(fit.series_names, fit.zeros_m.tolist(), strict=True):
-        say(f"{name}: fitted zero of depth: add {zero_m * 1e3:+.3f} mm to the depths")
+        output.say(f"{name}: fitted zero of depth: add {zero_m * 1e3:+.3f} mm to the depths")
 
 
 def _written(found: Interval, factor: float, unit: str) -> str:
@@ -389,8 +379,8 @@ def optics(
     preset: Preset = Preset.BALANCED,
     folds: Annotated[int, typer.Option(min=2)] = 7,
     outputs: Path | None = None,
-    jobs: Jobs = 2,
-    json_file: JsonFile = None,
+    jobs: output.Jobs = 2,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file.
 
@@ -432,26 +422,26 @@ def optics(
         folds=folds,
         jobs=jobs,
     )
-    writable_folder(request.out.parent)
+    output.writable_folder(request.out.parent)
     if run is not None:
         others = len(run.records) - len(request.trials)
-        say(
+        output.say(
             f"{len(request.trials)} presses of a ball of {request.ball_diameter_m * 1e3:g} mm"
             + (f"; {others} others of the run are left out" if others else "")
         )
     if outputs is not None:
         check_empty(outputs)
-    with Steps() as steps:
+    with output.Steps() as steps:
         result, held_out = calibrate_and_check(request, on_step=steps)
     if outputs is not None:
         _write_outputs(outputs, held_out, folds=folds, trials=request.trials)
     for warning in result.warnings:
-        complain(f"warning: {warning}")
+        output.complain(f"warning: {warning}")
     _show_optics(result)
     if run is not None:
         keep_optics(run, request, result)
-        say(f"next: {command_line('replay', folder, '--optics', request.out)}")
-    write_json(json_file, result)
+        output.say(f"next: {command_line('replay', folder, '--optics', request.out)}")
+    output.write_json(json_file, result)
 
 
 def _write_outputs(
@@ -477,39 +467,41 @@ def _write_outputs(
         for k, each in sorted(images.items())
     }
     write_outputs(folder, Outputs(simulator=simulator, presses=presses))
-    say(f"wrote {folder}")
+    output.say(f"wrote {folder}")
 
 
 def _show_optics(result: OpticsResult) -> None:
-    say(
+    output.say(
         f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
         f"{result.coverage.image_share:.0%} of the image"
     )
-    say("                                  R2      error   SSIM   ring    (no-contact frame)")
+    output.say(
+        "                                  R2      error   SSIM   ring    (no-contact frame)"
+    )
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:
             continue
-        say(f"{name}: {scores.press_count} presses")
+        output.say(f"{name}: {scores.press_count} presses")
         for how, values in (
             ("circles nudged, frame's light", scores),
             ("as labelled, frame's light", scores.as_labelled),
             ("as labelled, no-contact light", scores.as_labelled_frames_as_they_came),
         ):
-            say(
+            output.say(
                 f"  {how:32}{values.r2:.4f}  {values.mae:5.2f}   {values.ssim_crop:.4f}  "
                 f"{values.ring_residual:.3f}  "
                 f"({values.r2_no_contact:.2f}, {values.mae_no_contact:.1f}, "
                 f"{values.ssim_crop_no_contact:.3f})"
             )
-        say(
+        output.say(
             f"  light {scores.light_rms_levels:.1f} grey levels rms, drift of red, green and blue "
             + ", ".join(f"{level:+.1f}" for level in scores.light_drift_levels)
             + f"; circles moved {scores.nudge_rms_px:.1f} px rms"
         )
         if (moved := scores.camera_moved_px) is not None:
-            say(f"  camera {moved[0]:+.1f} px to the right, {moved[1]:+.1f} px down")
+            output.say(f"  camera {moved[0]:+.1f} px to the right, {moved[1]:+.1f} px down")
         if (markers := scores.markers) is not None:
-            say(
+            output.say(
                 f"  markers: {markers.tracked} tracked to {markers.tracking_error_px:.2f} px, "
                 f"{markers.lost} lost; drawn {markers.error_px:.2f} px "
                 f"({markers.error_m * 1e3:.3f} mm) off in the median; at the contact they moved "
@@ -517,7 +509,7 @@ def _show_optics(result: OpticsResult) -> None:
                 f"ten up to {markers.near_error_p90_px:.2f} px"
             )
     for path in result.files:
-        say(f"wrote {path}")
+        output.say(f"wrote {path}")
 
 
 def _scale(text: str) -> tuple[float, float]:

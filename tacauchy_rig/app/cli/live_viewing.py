@@ -13,8 +13,8 @@ from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
+    from protocols.processes.child_process import Viewing
     from protocols.processes.ipc import ViewerOptions
-    from protocols.processes.viewer_processes import Viewing
 
 TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
 """What a twin follows, by the words of ``--twin``."""

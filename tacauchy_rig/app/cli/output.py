@@ -1,7 +1,5 @@
 """What commands share: their options, plain lines, progress on a terminal, JSON on request."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import logging
@@ -14,7 +12,7 @@ from copy import copy
 from dataclasses import MISSING, fields
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
@@ -125,7 +123,7 @@ class Steps:
         )
         self._task = self._bar.add_task("", total=None, left="")
 
-    def __enter__(self) -> Steps:
+    def __enter__(self) -> Self:
         self._bar.start()
         return self
 

@@ -19,7 +19,7 @@ from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.time_limit_and_progress import doing, heard, told
 
 if TYPE_CHECKING:
-    from protocols.processes.viewer_processes import Viewing
+    from protocols.processes.child_process import Viewing
     from reports.evidence.frames_and_curves import RunReading
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
@@ -263,10 +263,9 @@ def serve(
 
     import uvicorn
 
+    from protocols.processes.child_process import listen
     from protocols.processes.page.access_token import AccessRule
-    from protocols.processes.viewer_processes import listen
-    from tacauchy_rig.app.results.run_list_comparison_trend import folder_of_runs
-    from tacauchy_rig.app.results.server import ResultsServer
+    from tacauchy_rig.app.results.results_pages import ResultsServer, folder_of_runs
 
     root, only = folder_of_runs(folder)
     with listen(port, option="--port") as taken:

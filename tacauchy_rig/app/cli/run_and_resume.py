@@ -13,16 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.device_checks import require_devices
+from tacauchy_rig.app.cli import output
 from tacauchy_rig.app.cli.live_viewing import TWIN_WORDS, port_of, told_of_errors, viewers_of
-from tacauchy_rig.app.cli.output import (
-    JsonFile,
-    Overrides,
-    RequiredConfigFile,
-    RunFolder,
-    complain,
-    say,
-    takes,
-)
 from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config, resumed_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.doctor_check import CheckStatus
@@ -65,7 +57,7 @@ class Request:
             ``--check-weight`` no mass.
     """
 
-    json_file: JsonFile = None
+    json_file: output.JsonFile = None
     press_only: bool = False
     check_weight: str | None = None
     page: str = "auto"
@@ -98,8 +90,8 @@ class Request:
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
-@takes(Request)
-def dry_run(request: Request, overrides: Overrides = None) -> None:
+@output.takes(Request)
+def dry_run(request: Request, overrides: output.Overrides = None) -> None:
     """Make six presses on emulated hardware, replay them and report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
@@ -114,8 +106,10 @@ def dry_run(request: Request, overrides: Overrides = None) -> None:
     _press_and_report(store, store.config, request)
 
 
-@takes(Request)
-def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None) -> None:
+@output.takes(Request)
+def run(
+    request: Request, path: output.RequiredConfigFile, overrides: output.Overrides = None
+) -> None:
     """Make the presses of a configuration, replay them and report.
 
     Example: tacauchy-rig run rig.toml --page 8080
@@ -125,12 +119,12 @@ def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None)
     _press_and_report(store, store.config, request)
 
 
-@takes(Request)
+@output.takes(Request)
 def resume(
     request: Request,
-    folder: RunFolder,
+    folder: output.RunFolder,
     *,
-    overrides: Overrides = None,
+    overrides: output.Overrides = None,
     again: list[int] | None = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
@@ -163,7 +157,7 @@ def resume(
     say_recovered(recovery)
     require_devices(config)
     for change in changes:
-        say(f"changed: {change}")
+        output.say(f"changed: {change}")
     note_changes(store, changes)
     _press_and_report(
         store, config, replace(request, again=frozenset(again or ()), is_whole=recovery.is_whole)
@@ -199,7 +193,7 @@ def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
     _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
     store = create_run(loaded, text)
-    say(f"run folder {store.paths.root}")
+    output.say(f"run folder {store.paths.root}")
     return store
 
 
@@ -226,7 +220,7 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
 
     if request.press_only:
         result = _press_confirmed(store, config, request)
-        say(f"recorded in {store.paths.root}")
+        output.say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code or int(not request.is_whole))
     with worker_process() as worker:
         begun = []
@@ -249,8 +243,8 @@ def _press_confirmed(
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator_prompts import confirm
-    from tacauchy_rig.app.session.expected_force import kept_expectation
     from tacauchy_rig.app.session.record_run_and_weight_check import (
+        kept_expectation,
         missed_lines,
         needs_weight,
         require_bounded_force,
@@ -262,13 +256,13 @@ def _press_confirmed(
     if request.weight is None:
         require_bounded_force(store, config)
         if note := standing_check(store):
-            say(note)
+            output.say(note)
     elif not config.force_sensor.is_emulated:  # while the person who called this is still there
         _check_force(store, config, request.weight, None)
     with doing("computing the force expected of the gel"):
         expected = kept_expectation(store)  # here, so that what is confirmed moves at once
     made = expected.made if expected else "unknown; the arm's estimate and the camera are left"
-    say(f"force expected of the gel: {made}")
+    output.say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
     result = press(store, config, request, on_start)
@@ -278,9 +272,9 @@ def _press_confirmed(
         remedy = f"{result.remedy or f'{resumed} continues'}\n  -> run folder {store.paths.root}"
         raise error(result.reason, remedy=remedy)
     for line in missed_lines(result.records):
-        complain(line)
+        output.complain(line)
     if result.outcome is Outcome.FAILED:
-        complain(f"{result.reason}\n  -> {resumed} repeats them")
+        output.complain(f"{result.reason}\n  -> {resumed} repeats them")
     return result
 
 
@@ -295,15 +289,14 @@ def press(
     """
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.processes.child_process import listen
     from protocols.processes.ipc import PageOptions
-    from protocols.processes.viewer_processes import listen
     from protocols.trials.trial_sequence import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
     from tacauchy_rig.app.cli.session_progress import SessionProgress
-    from tacauchy_rig.app.session.expected_force import kept_expectation
-    from tacauchy_rig.app.session.record_run_and_weight_check import record_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import kept_expectation, record_run
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
@@ -324,7 +317,7 @@ def press(
                 unit=emulated_unit(sensor, markers=config.emulation.markers),
             )
             stack.callback(emulation.stop)
-            say(f"starting emulated {', '.join(sorted(chosen))}")
+            output.say(f"starting emulated {', '.join(sorted(chosen))}")
             running = emulation.start()
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
@@ -371,7 +364,7 @@ def _check_force(
     hangs = emulation is not None and config.force_sensor.is_emulated
     ask = hang_emulated(weight, emulation) if emulation and hangs else ask_for_weight(weight)
     check = check_cell(store, config, weight, ask=ask)
-    say(f"force checked: {check.finding}")
+    output.say(f"force checked: {check.finding}")
 
 
 def _check_force_after(
@@ -391,4 +384,4 @@ def _check_force_after(
         error.message = f"after the last trial {error.message}. No trial of this run is safe."
         raise
     except AbortedError as error:
-        say(f"force not checked at the end: {error.message}")
+        output.say(f"force not checked at the end: {error.message}")

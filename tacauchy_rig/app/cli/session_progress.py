@@ -1,16 +1,15 @@
 """Progress of a session: a few live lines on a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
+from typing import Self
 
 from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from protocols.trials.attempt_and_criteria import PlannedTrial
 from protocols.trials.time_left import TimeLeft
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.app.cli.live_viewing import open_in_browser
 from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.core.config.settings import RigConfig
@@ -70,7 +69,7 @@ class SessionProgress:
         self._force_n: float | None = None
         self._height_m: float | None = None
 
-    def __enter__(self) -> SessionProgress:
+    def __enter__(self) -> Self:
         if console.is_terminal:
             self._live.start()
         return self

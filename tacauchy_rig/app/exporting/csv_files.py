@@ -13,13 +13,7 @@ from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.recording.mcap_messages import (
-    ARM_STATES,
-    POSE_FIELDS,
-    TCP_FORCE_FIELDS,
-    VELOCITY_FIELDS,
-    WRENCH_FIELDS,
-)
+from tacauchy_rig.core.store.recording import mcap_writer
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
@@ -27,7 +21,7 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 
 logger = logging.getLogger(__name__)
 
-_TARED_FIELDS = tuple(f"{name}_tared" for name in WRENCH_FIELDS)
+_TARED_FIELDS = tuple(f"{name}_tared" for name in mcap_writer.WRENCH_FIELDS)
 _FRAMES = ("counter", "device_stamp_s", "width", "height")
 _TRIAL_FIELDS = (
     "outcome",
@@ -114,30 +108,27 @@ def _press_rows(
     term: str,
 ) -> Iterator[list[Any]]:
     """Yield the rows of a press: samples of force and pose, and images; what is absent is empty."""
-    tare, held = result.tare_before, (result.dwell_start_ns, result.dwell_end_ns)
-    rest = (result.reference_start_ns, result.reference_end_ns)
-    force, arm = recording.force, recording.arm
+    force, arm, windows = recording.force, recording.arm, result.windows
 
-    def row(stamp_ns: int, rest: Any, **values: float | str) -> list[Any]:
-        among = {"unloaded": rest, "pressed": held}
-        within = [k for k, (a, b) in among.items() if a is not None and a <= stamp_ns <= b]
+    def row(stamp_ns: int, rest: str, **values: float | str) -> list[Any]:
+        among = {"unloaded": windows.get(rest), "pressed": windows.get("dwell")}
+        within = [name for name, w in among.items() if w and w[0] <= stamp_ns <= w[1]]
         state = within[0] if within else ""
         known = {"press": result.index, "state": state, "indenter": term, **values}
         known["time"] = f"{stamp_ns // 10**9:09d}.{stamp_ns % 10**9:09d}"
         return [known.get(name, "") for name in _PRESSES]
 
-    tared = (None, None) if tare is None else (tare.start_ns, tare.end_ns)
     for stamp_ns, wrench in zip(force.stamp_ns.tolist(), force.wrench.tolist(), strict=True):
-        yield row(stamp_ns, tared, **dict(zip(WRENCH, wrench, strict=True)))
+        yield row(stamp_ns, "tare", **dict(zip(WRENCH, wrench, strict=True)))
     place = np.full((len(arm.pose), 3), np.nan)
     if centre is not None and result.contact_z_m is not None:
         place = arm.pose[:, :3] - [*centre, 0.0]
     for stamp_ns, xyz in zip(arm.stamp_ns.tolist(), place.tolist(), strict=True):
-        yield row(stamp_ns, (None, None), **dict(zip(POSE, xyz, strict=True)))
+        yield row(stamp_ns, "", **dict(zip(POSE, xyz, strict=True)))
     for name, stamp_ns, *_ in frames:
         values: dict[str, Any] = {"image": f"{folder}/{name}"}
         values |= {"contact_z": result.contact_z_m, "depth": result.depth_measured_m}
-        yield row(stamp_ns, rest, **{k: v for k, v in values.items() if v is not None})
+        yield row(stamp_ns, "reference", **{k: v for k, v in values.items() if v is not None})
 
 
 def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) -> None:
@@ -159,7 +150,7 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
         "stamp_ns": force.stamp_ns,
         "time_s": _times(recording, force.stamp_ns),
         "counter": force.counter,
-        **dict(zip(WRENCH_FIELDS, force.wrench.T, strict=True)),
+        **dict(zip(mcap_writer.WRENCH_FIELDS, force.wrench.T, strict=True)),
         **dict(zip(_TARED_FIELDS, tared.T, strict=True)),
         "pressing_force_n": sign * tared[:, 2],
     }
@@ -172,10 +163,10 @@ def _write_arm(recording: Recording, path: Path) -> None:
         "stamp_ns": arm.stamp_ns,
         "time_s": _times(recording, arm.stamp_ns),
         "controller_time_s": arm.controller_time_s,
-        **dict(zip(POSE_FIELDS, arm.pose.T, strict=True)),
-        **dict(zip(VELOCITY_FIELDS, arm.velocity.T, strict=True)),
-        **dict(zip(TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
-        **{name: getattr(arm, name) for name in ARM_STATES},
+        **dict(zip(mcap_writer.POSE_FIELDS, arm.pose.T, strict=True)),
+        **dict(zip(mcap_writer.VELOCITY_FIELDS, arm.velocity.T, strict=True)),
+        **dict(zip(mcap_writer.TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
+        **{name: getattr(arm, name) for name in mcap_writer.ARM_STATES},
     }
     _write_columns(path, columns)
 

@@ -82,12 +82,6 @@ def episodes_of(store: RunStore) -> Iterator[Episode]:
 def _episode(store: RunStore, record: TrialRecord) -> Episode:
     recording = store.recording(record.index, record.attempt)
     force, arm = recording.force, recording.arm
-    tare = record.tare_before
-    bounds = {
-        "tare": (None, None) if tare is None else (tare.start_ns, tare.end_ns),
-        "reference": (record.reference_start_ns, record.reference_end_ns),
-        "dwell": (record.dwell_start_ns, record.dwell_end_ns),
-    }
     numbers = {name: getattr(record, name) for name in _NUMBERS}
     words = {"outcome": record.outcome.value, "run": store.paths.root.name}
     words["sensor"] = store.config.sensor.name
@@ -99,7 +93,7 @@ def _episode(store: RunStore, record: TrialRecord) -> Episode:
         arm_wrench=arm.tcp_force,
         frames=recording.frames,
         stamps_ns=recording.frame_stamps()[0],
-        windows={k: (a, b) for k, (a, b) in bounds.items() if a is not None and b is not None},
+        windows=record.windows,
         outputs={**{k: v if v == v else None for k, v in numbers.items()}, **words},
         fields=lambda: _fields(store, record.index),
     )
@@ -238,14 +232,12 @@ def pad_centre(store: RunStore) -> tuple[float, float] | None:
     centres = []
     for index, trial in store.imported_trials.items():
         record = store.counting(index)
-        if record is None or trial.place_m is None or record.dwell_start_ns is None:
+        if record is None or trial.place_m is None or "dwell" not in record.windows:
             return None
         arm = store.recording(index, record.attempt).arm
-        inside = (arm.stamp_ns >= record.dwell_start_ns) & (
-            arm.stamp_ns <= (record.dwell_end_ns or 0)
-        )
-        if not inside.any():
+        held = Samples(stamp_ns=arm.stamp_ns, value=arm.pose).within(record.windows["dwell"])
+        if not len(held.value):
             return None
-        centres.append(arm.pose[inside, :2].mean(axis=0) - trial.place_m)
+        centres.append(held.value[:, :2].mean(axis=0) - trial.place_m)
     x, y = np.mean(centres, axis=0).tolist()
     return None if np.ptp(centres, axis=0).max() > _EXACT_SHARE else (x, y)

@@ -32,7 +32,7 @@ from tacauchy_rig.app.importing import lerobot
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
-from tacauchy_rig.core.store.recording.mcap_messages import POSE_FIELDS, WRENCH_FIELDS
+from tacauchy_rig.core.store.recording.mcap_writer import POSE_FIELDS, WRENCH_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore, pack_array
 
 IMAGE, WRENCH = "observation.images.tactile", "observation.wrench"
@@ -142,11 +142,9 @@ def _write_video(
             if number % _SEEN_EVERY == 0:
                 seen.append(image[::4, ::4].reshape(-1, 3) / 255.0)
         file.mux(stream.encode())
-    of_levels = _statistics(np.concatenate(seen))
-    count = of_levels.pop("count")
-    return image.shape, {k: np.reshape(v, (3, 1, 1)).tolist() for k, v in of_levels.items()} | {
-        "count": count
-    }
+    levels = _statistics(np.concatenate(seen))
+    of_channels = {name: np.reshape(levels[name], (3, 1, 1)).tolist() for name in _STATISTICS}
+    return image.shape, levels | of_channels
 
 
 def _statistics(values: AnyArray) -> dict[str, Any]:
@@ -162,11 +160,8 @@ def _write_parquet(path: Path, columns: Mapping[str, Any], *, index: str = "") -
     table = arrow.table({name: _column(arrow, values) for name, values in columns.items()})
     if index:
         word = {"pandas_type": "unicode", "numpy_type": "object", "metadata": None}
-        about: dict[str, Any] = {
-            "columns": [{"name": index, "field_name": index, **word}],
-            "column_indexes": [],
-        }
-        about["index_columns"] = [index]
+        column = {"name": index, "field_name": index, **word}
+        about = {"columns": [column], "column_indexes": [], "index_columns": [index]}
         table = table.replace_schema_metadata({"pandas": json.dumps(about)})
     parquet.write_table(table, path)
 
@@ -222,12 +217,8 @@ def write_hdf5(presses: Iterable[Episode], out: Path, _store: RunStore | None) -
         data = file.create_group("data")
         data.attrs["total"] = sum(len(each.time_s) for each in rows)
         data.attrs["rate_hz"] = rate
-        about: dict[str, Any] = {
-            "env_name": episodes[0].outputs["sensor"],
-            "type": 2,
-            "env_kwargs": {},
-        }
-        data.attrs["env_args"] = json.dumps(about)
+        sensor = episodes[0].outputs["sensor"]
+        data.attrs["env_args"] = json.dumps({"env_name": sensor, "type": 2, "env_kwargs": {}})
         for number, (episode, own) in enumerate(zip(episodes, rows, strict=True)):
             if raw.failed is None:
                 _write_demo(data.create_group(f"demo_{number}"), episode, own)

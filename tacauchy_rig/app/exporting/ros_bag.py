@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from tacauchy_rig.app.exporting.episode_and_import_toml import Episode, pad_centre, write_spec
 from tacauchy_rig.app.importing.ros_bag import IMAGES, POSE, TYPES, WRENCH
-from tacauchy_rig.core.store.recording.mcap_messages import POSE_FIELDS
+from tacauchy_rig.core.store.recording.mcap_writer import POSE_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore
 
 IMAGE_TOPIC, FORCE_TOPIC, POSE_TOPIC = "/tactile/image", "/force/wrench", "/tip/pose"

@@ -42,9 +42,7 @@ def write_taxim(source: Path, out: Path, *, sensor: str, background: Path | None
     view, model = optics.geometry, _photometric(optics)
     # Its heights are positive towards the camera, and it takes blue for red.
     table = _tables(model, frame, TAXIM_BINS, towards=-1.0)
-    colours: dict[str, Any] = {
-        f"grad_{name}": table[..., c] for name, c in zip("bgr", range(3), strict=True)
-    }
+    colours: dict[str, Any] = {f"grad_{name}": table[..., c] for c, name in enumerate("bgr")}
     np.savez(out / "polycalib.npz", bins=TAXIM_BINS, **colours)
     np.savez(
         out / "dataPack.npz",
@@ -73,9 +71,7 @@ def write_isaaclab(source: Path, out: Path, *, sensor: str, background: Path | N
     """
     made, optics, frame = _opened(source, sensor, background)
     table = _tables(_photometric(optics), frame, ISAAC_BINS, towards=1.0)
-    colours: dict[str, Any] = {
-        f"grad_{name}": table[..., c] for name, c in zip("rgb", range(3), strict=True)
-    }
+    colours: dict[str, Any] = {f"grad_{name}": table[..., c] for c, name in enumerate("rgb")}
     np.savez(out / "polycalib.npz", **colours)
     (out / "bg.jpg").write_bytes(encode_jpeg(frame, quality=100))
     view = optics.geometry

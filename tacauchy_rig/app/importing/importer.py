@@ -20,6 +20,7 @@ from tacauchy_rig.app.importing.press_detection import Press, Recorded
 from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
 from tacauchy_rig.app.replay.simulator_inputs import indenter_of
+from tacauchy_rig.core import run
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import (
     LoadedConfig,
@@ -33,21 +34,6 @@ from tacauchy_rig.core.config.load import (
 from tacauchy_rig.core.config.settings import IMPORTED, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.registry import Kind, unknown
-from tacauchy_rig.core.run import (
-    FZ,
-    SAME_PLACE_M,
-    ArmSample,
-    ForceSample,
-    ImageFrame,
-    Imported,
-    ImportedTrial,
-    Outcome,
-    Pose,
-    Stream,
-    Tare,
-    TrialRecord,
-    vector6,
-)
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions
@@ -74,10 +60,10 @@ def write_presses(
         trials = []
         for index, press in enumerate(recorded.presses[:PRESSES_MOST], start=1):
             _write_press(store, index, press, converter, source)
-            there: dict[Stream, object] = {"force": press.force, "arm": press.pose}
+            there: dict[run.Stream, object] = {"force": press.force, "arm": press.pose}
             there |= {"image": press.frames}
             trials.append(
-                ImportedTrial(
+                run.ImportedTrial(
                     index=index,
                     name=press.name,
                     place_m=press.place_m,
@@ -90,7 +76,7 @@ def write_presses(
         converter.check_colours(source.problems)
         source.problems.refuse()
         store.imported.save(
-            Imported(
+            run.Imported(
                 kind=kind,
                 source=source.name,
                 has_clock=recorded.has_clock,
@@ -171,10 +157,10 @@ def _write_press(
         writer.close()
         sha256 = writer.sha256
     store.save_result(
-        TrialRecord(
+        run.TrialRecord(
             index=index,
             attempt=1,
-            outcome=Outcome.IMPORTED,
+            outcome=run.Outcome.IMPORTED,
             force_target_n=np.nan,
             reason=f"imported: {press.name}",
             contact_z_m=press.contact_z_m,
@@ -189,23 +175,23 @@ def _write_press(
     )
 
 
-def _force(number: int, stamp_ns: int, wrench: list[float]) -> ForceSample:
-    return ForceSample(stamp_ns=stamp_ns, counter=number, wrench=vector6(wrench))
+def _force(number: int, stamp_ns: int, wrench: list[float]) -> run.ForceSample:
+    return run.ForceSample(stamp_ns=stamp_ns, counter=number, wrench=run.vector6(wrench))
 
 
-def _arm(_: int, stamp_ns: int, pose: list[float]) -> ArmSample:
-    return ArmSample(
+def _arm(_: int, stamp_ns: int, pose: list[float]) -> run.ArmSample:
+    return run.ArmSample(
         stamp_ns=stamp_ns,
         controller_time_s=np.nan,
-        pose=Pose.of(pose),
-        velocity=vector6([np.nan] * 6),
+        pose=run.Pose.of(pose),
+        velocity=run.vector6([np.nan] * 6),
         runtime_state=UNKNOWN_STATE,
         safety_bits=UNKNOWN_STATE,
         robot_mode=UNKNOWN_STATE,
     )
 
 
-def _images(press: Press, converter: Converter, source: Source) -> Iterator[ImageFrame]:
+def _images(press: Press, converter: Converter, source: Source) -> Iterator[run.ImageFrame]:
     """Yield the images of a press; those that are damaged or unlike the rest are noted."""
     rest, same, is_compared = None, [], False
     for number, frame in enumerate(press.frames):
@@ -217,7 +203,7 @@ def _images(press: Press, converter: Converter, source: Source) -> Iterator[Imag
                 converter.compare(data, rest)
             rest = rest or (data if is_rest else None)
             same += [frame.name] * (data == rest and not is_rest)
-            yield ImageFrame(
+            yield run.ImageFrame(
                 stamp_ns=frame.stamp_ns,
                 counter=number,
                 device_stamp_s=None,
@@ -240,17 +226,17 @@ def _forces(press: Press, sign: int) -> dict[str, Any]:
     tare = None
     if press.tare is not None:
         value = press.force.within(press.tare).value
-        tare = Tare(
+        tare = run.Tare(
             start_ns=press.tare[0],
             end_ns=press.tare[1],
-            mean=vector6(value.mean(axis=0).tolist()),
-            deviation=vector6(value.std(axis=0, ddof=min(1, len(value) - 1)).tolist()),
+            mean=run.vector6(value.mean(axis=0).tolist()),
+            deviation=run.vector6(value.std(axis=0, ddof=min(1, len(value) - 1)).tolist()),
             sample_count=len(value),
         )
     return {
         "tare_before": tare,
-        "force_measured_n": sign * float(held[:, FZ].mean()),
-        "force_deviation_n": float(held[:, FZ].std(ddof=1)) if len(held) > 1 else None,
+        "force_measured_n": sign * float(held[:, run.FZ].mean()),
+        "force_deviation_n": float(held[:, run.FZ].std(ddof=1)) if len(held) > 1 else None,
     }
 
 
@@ -480,7 +466,7 @@ def _common(recorded: Recorded) -> dict[str, Any]:
     if len(terms) == 1 and (term := terms.pop()):
         common["replay.indenter"] = term
     known = np.array([each.place_m for each in recorded.presses if each.place_m is not None])
-    if 0 < len(known) == len(recorded.presses) and np.ptp(known, axis=0).max() <= SAME_PLACE_M:
+    if 0 < len(known) == len(recorded.presses) and np.ptp(known, axis=0).max() <= run.SAME_PLACE_M:
         common["replay.offset"] = [f"{value:.9g} m" for value in known.mean(axis=0)]
     return common
 

@@ -15,18 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.press_detection import (
-    Frame,
-    Press,
-    PressFinding,
-    Recorded,
-    S,
-    Samples,
-    cut,
-    drift_note,
-    find_presses,
-    needed,
-)
+from tacauchy_rig.app.importing import press_detection as detection
 from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.text_tables import unit_factor
 from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
@@ -76,10 +65,10 @@ class LeRobotData(Section):
     moment_unit: str = "N m"
     pose: Feature | None = None
     episodes: tuple[int, ...] = ()
-    presses: PressFinding = Field(default_factory=PressFinding)
+    presses: detection.PressFinding = Field(default_factory=detection.PressFinding)
 
 
-def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
+def read_lerobot(source: Source, data: LeRobotData) -> detection.Recorded:
     """Read a dataset's episodes, and find the presses of each by its force.
 
     Raises:
@@ -89,11 +78,11 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
     info = _info(source)
     image = _image_feature(info, data)
     episodes = _episodes(source, data, image, is_video=info["features"][image]["dtype"] == "video")
-    presses: list[Press] = []
+    presses: list[detection.Press] = []
     for episode in episodes:
         with source.problems.noting():
             presses += _presses(source, data, info, image, episode)
-    return Recorded(
+    return detection.Recorded(
         presses=tuple(presses),
         has_clock=True,
         unknown=("The delays of force and images are not known.",),
@@ -209,7 +198,7 @@ def _presses(
     info: Mapping[str, Any],
     image: str,
     episode: Mapping[str, Any],
-) -> list[Press]:
+) -> list[detection.Press]:
     """Return an episode's presses."""
     index = int(episode[INDEX])
     columns = [INDEX, TIME, data.force.feature]
@@ -224,7 +213,7 @@ def _presses(
             f"episode {index}: has {len(time_s)} rows whose timestamps do not ascend",
             remedy="the dataset is damaged: leave the episode out with data.episodes",
         )
-    stamp_ns = np.asarray(np.rint((time_s - time_s[0] + 1.0) * S), dtype=np.int64)
+    stamp_ns = np.asarray(np.rint((time_s - time_s[0] + 1.0) * detection.S), dtype=np.int64)
     wrench = _wrench(_numbers(table, name, data.force.feature), data)
     where = f"episode {index}: "
     force = _finite(source, stamp_ns, wrench, wrench[:, 2], where + data.force.feature)
@@ -235,8 +224,8 @@ def _presses(
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
         pose = _finite(source, stamp_ns, padded, placed.sum(axis=1), where + data.pose.feature)
     with naming(f"episode {index}"):
-        found = find_presses(force, data.presses)
-        rows = np.flatnonzero(needed(stamp_ns, found))
+        found = detection.find_presses(force, data.presses)
+        rows = np.flatnonzero(detection.needed(stamp_ns, found))
         wanted = dict(zip(rows.tolist(), stamp_ns[rows].tolist(), strict=True))
         if image in columns:
             title = f"{image} {index}"
@@ -245,8 +234,8 @@ def _presses(
             numbers = float(info["fps"]) * (time_s + episode[f"videos/{image}/from_timestamp"])
             stamps = {round(numbers[row]): stamp for row, stamp in wanted.items()}
             frames = _video_frames(source, image, episode, stamps)
-        source.notes += [f"Episode {index}: {note}" for note in drift_note(found)]
-        presses = cut(found, force, frames, pose)
+        source.notes += [f"Episode {index}: {note}" for note in detection.drift_note(found)]
+        presses = detection.cut(found, force, frames, pose)
     return [replace(press, name=f"episode {index}, {press.name}") for press in presses]
 
 
@@ -291,7 +280,7 @@ def _wrench(values: FloatArray, data: LeRobotData) -> FloatArray:
 
 def _finite(
     source: Source, stamp_ns: Int64Array, values: FloatArray, told_by: FloatArray, where: str
-) -> Samples:
+) -> detection.Samples:
     """Return the rows with finite numbers; how many were left out is noted."""
     known = np.isfinite(told_by)
     if not known.any():
@@ -299,12 +288,12 @@ def _finite(
     if not known.all():
         lost = f"{int((~known).sum())} of {len(known)} rows hold no finite numbers"
         source.notes.append(f"{where}: {lost} and were left out.")
-    return Samples(stamp_ns=stamp_ns, value=values).where(known)
+    return detection.Samples(stamp_ns=stamp_ns, value=values).where(known)
 
 
 def _stored_frames(
     column: pyarrow.ChunkedArray, where: str, title: str, wanted: Mapping[int, int]
-) -> list[Frame]:
+) -> list[detection.Frame]:
     """Return images that stand in cells, by row and stamp [ns]."""
     frames = []
     for row, stamp_ns in wanted.items():
@@ -316,13 +305,13 @@ def _stored_frames(
                 remedy="images have to lie within the file; paths to others are not followed",
             )
         read = partial(bytes, data)
-        frames.append(Frame(stamp_ns=stamp_ns, name=f"{title}/{row}", read=read))
+        frames.append(detection.Frame(stamp_ns=stamp_ns, name=f"{title}/{row}", read=read))
     return frames
 
 
 def _video_frames(
     source: Source, key: str, episode: Mapping[str, Any], stamps: Mapping[int, int]
-) -> list[Frame]:
+) -> list[detection.Frame]:
     """Return frames of an episode's video, by number and stamp [ns]."""
     name = VIDEOS.format(video_key=key, **{n: int(episode[f"videos/{key}/{n}"]) for n in PLACE})
     path = source.path(name, field="its video", most_bytes=LARGE_BYTES)

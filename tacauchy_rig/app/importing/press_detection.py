@@ -1,14 +1,12 @@
 """Presses of others: samples and frames with stamps, and where presses are in a recording."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field
@@ -35,13 +33,13 @@ class Samples:
     # where the source does not say
     value: FloatArray
 
-    def within(self, window: Window) -> Samples:
+    def within(self, window: Window) -> Self:
         """Return the samples of a window."""
         return self.where((self.stamp_ns >= window[0]) & (self.stamp_ns <= window[1]))
 
-    def where(self, kept: BoolArray) -> Samples:
+    def where(self, kept: BoolArray) -> Self:
         """Return some of the samples."""
-        return Samples(stamp_ns=self.stamp_ns[kept], value=self.value[kept])
+        return replace(self, stamp_ns=self.stamp_ns[kept], value=self.value[kept])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

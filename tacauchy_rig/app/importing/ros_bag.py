@@ -24,18 +24,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from tacauchy_rig.app.importing import press_detection as detection
 from tacauchy_rig.app.importing import video_and_clock_offset as offsets
-from tacauchy_rig.app.importing.press_detection import (
-    Frame,
-    PressFinding,
-    PressSpan,
-    Recorded,
-    S,
-    Samples,
-    cut,
-    drift_note,
-    find_presses,
-)
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.field_ranges import Length, Section
@@ -74,10 +64,10 @@ class BagData(Section):
     force: str | None = None
     pose: str | None = None
     pad_centre: tuple[Length, Length] | None = None
-    presses: PressFinding = Field(default_factory=PressFinding)
+    presses: detection.PressFinding = Field(default_factory=detection.PressFinding)
 
 
-def read_bag(source: Source, data: BagData) -> Recorded:
+def read_bag(source: Source, data: BagData) -> detection.Recorded:
     """Read a bag and cut it into presses.
 
     Raises:
@@ -104,15 +94,15 @@ def read_bag(source: Source, data: BagData) -> Recorded:
             remedy="copy it anew from its source; `mcap recover` of the MCAP tools mends a file "
             "whose end is missing",
         ) from error
-    found = find_presses(force, data.presses)
-    apart_s = float(np.median(frames_late_ns) - np.median(force_late_ns)) / S
+    found = detection.find_presses(force, data.presses)
+    apart_s = float(np.median(frames_late_ns) - np.median(force_late_ns)) / detection.S
     frames, clock = _aligned(force, frames, found, apart_s, notes)
-    presses = cut(found, force, frames, pose, pad_centre=data.pad_centre)
-    return Recorded(
+    presses = detection.cut(found, force, frames, pose, pad_centre=data.pad_centre)
+    return detection.Recorded(
         presses=presses,
         has_clock=True,
         unknown=("The delays of the messages are not known.",),
-        notes=(_FOUND.format(count=len(presses)), *drift_note(found), *notes),
+        notes=(_FOUND.format(count=len(presses)), *detection.drift_note(found), *notes),
         contact_force_n=data.presses.contact_force,
         name="bag",
         clock=clock,
@@ -180,13 +170,13 @@ def _messages(bag: Sequence[Reader], topic: str) -> Iterator[tuple[int, int, Any
         for connection, logged_ns, raw in file.messages(own) if own else ():
             message: Any = TYPES.deserialize_cdr(raw, connection.msgtype)
             stamp = message.header.stamp
-            stamp_ns = int(stamp.sec) * S + int(stamp.nanosec) or int(logged_ns)
+            stamp_ns = int(stamp.sec) * detection.S + int(stamp.nanosec) or int(logged_ns)
             yield stamp_ns, int(logged_ns) - stamp_ns, message
 
 
 def _samples(
     bag: Sequence[Reader], topic: str, values: Any, notes: list[str]
-) -> tuple[Samples, Int64Array]:
+) -> tuple[detection.Samples, Int64Array]:
     """Return a topic's numbers by stamp, and how late each was logged [ns]."""
     rows = sorted(
         ((stamp, late, values(each)) for stamp, late, each in _messages(bag, topic)),
@@ -200,7 +190,7 @@ def _samples(
             f"{topic}: {int((~known).sum())} of {len(known)} messages hold values that are no "
             "finite numbers and were left out."
         )
-    return Samples(stamp_ns=stamps, value=value).where(known), late
+    return detection.Samples(stamp_ns=stamps, value=value).where(known), late
 
 
 def _wrench(message: Any) -> list[float]:
@@ -217,7 +207,7 @@ def _pose(message: Any) -> list[float]:
     return [place.x, place.y, place.z, *vector]
 
 
-def _frames(bag: Sequence[Reader], topic: str) -> tuple[list[Frame], Int64Array]:
+def _frames(bag: Sequence[Reader], topic: str) -> tuple[list[detection.Frame], Int64Array]:
     """Return a topic's images by stamp, and how late each was logged [ns]."""
     size, is_raw = 0, _topics(bag)[topic] == IMAGES[1]
     found, lateness = [], []
@@ -229,7 +219,7 @@ def _frames(bag: Sequence[Reader], topic: str) -> tuple[list[Frame], Int64Array]
             )
         name = f"{topic} {number}"
         data = _raw(message, name) if is_raw else message.data.tobytes()
-        found.append(Frame(stamp_ns=stamp_ns, name=name, read=partial(bytes, data)))
+        found.append(detection.Frame(stamp_ns=stamp_ns, name=name, read=partial(bytes, data)))
         lateness.append(late)
     found.sort(key=lambda frame: frame.stamp_ns)
     return found, np.array(lateness or [0], dtype=np.int64)
@@ -263,12 +253,12 @@ def _raw(message: Any, name: str) -> bytes:
 
 
 def _aligned(
-    force: Samples,
-    frames: list[Frame],
-    found: Sequence[PressSpan],
+    force: detection.Samples,
+    frames: list[detection.Frame],
+    found: Sequence[detection.PressSpan],
     apart_s: float,
     notes: list[str],
-) -> tuple[list[Frame], CameraClock | None]:
+) -> tuple[list[detection.Frame], CameraClock | None]:
     """Return the frames in the clock of the force.
 
     Messages of both are about as late, so when they arrive tells clocks roughly apart; what is seen
@@ -279,7 +269,9 @@ def _aligned(
     """
     rough_s = apart_s if abs(apart_s) > CLOCKS_S else 0.0
     moved = _moved(frames, rough_s)
-    images = [(f.stamp_ns / S, decode_rgb(f.read(), reduction=8)) for f in moved[:ALIGNED_MOST]]
+    images = [
+        (f.stamp_ns / detection.S, decode_rgb(f.read(), reduction=8)) for f in moved[:ALIGNED_MOST]
+    ]
     known = [(time_s, image) for time_s, image in images if image is not None]
     if len(known) < 3:
         return frames, None
@@ -307,8 +299,12 @@ def _aligned(
     return _moved(frames, clock.offset_s, clock.drift), clock
 
 
-def _moved(frames: Sequence[Frame], by_s: float, drift: float = 0.0) -> list[Frame]:
-    later_ns = [round(by_s * S + drift * (f.stamp_ns - frames[0].stamp_ns)) for f in frames]
+def _moved(
+    frames: Sequence[detection.Frame], by_s: float, drift: float = 0.0
+) -> list[detection.Frame]:
+    later_ns = [
+        round(by_s * detection.S + drift * (f.stamp_ns - frames[0].stamp_ns)) for f in frames
+    ]
     return [replace(f, stamp_ns=f.stamp_ns + ns) for f, ns in zip(frames, later_ns, strict=True)]
 
 

@@ -14,6 +14,7 @@ from pathlib import PurePath
 import numpy as np
 from pydantic import Field
 
+from tacauchy_rig.app.importing import source_files
 from tacauchy_rig.app.importing.press_detection import (
     ORDER_NS,
     Frame,
@@ -21,15 +22,6 @@ from tacauchy_rig.app.importing.press_detection import (
     Recorded,
     Samples,
     Window,
-)
-from tacauchy_rig.app.importing.source_files import (
-    IMAGE_BYTES,
-    IMAGE_PIXELS,
-    MIB,
-    Source,
-    array_names,
-    read_npy,
-    read_npz,
 )
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, IndexArray, Int64Array
@@ -107,7 +99,7 @@ class CsvData(RowsData):
     images: str = "."
 
 
-def read_csv_folder(source: Source, data: CsvData) -> Recorded:
+def read_csv_folder(source: source_files.Source, data: CsvData) -> Recorded:
     """Read a folder of images with a CSV; what is odd in it is noted with line and column.
 
     Raises:
@@ -118,12 +110,12 @@ def read_csv_folder(source: Source, data: CsvData) -> Recorded:
     return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
 
 
-def image_files(source: Source, prefix: str = "") -> Image:
+def image_files(source: source_files.Source, prefix: str = "") -> Image:
     """Return what finds images that are files, below a folder."""
 
     def image(name: str, field: str) -> Callable[[], bytes]:
-        source.path(prefix + name, field=field, most_bytes=IMAGE_BYTES)
-        return partial(source.read, prefix + name, field=field, most_bytes=IMAGE_BYTES)
+        source.path(prefix + name, field=field, most_bytes=source_files.IMAGE_BYTES)
+        return partial(source.read, prefix + name, field=field, most_bytes=source_files.IMAGE_BYTES)
 
     return image
 
@@ -331,7 +323,7 @@ def _mean(values: FloatArray) -> float | None:
 
 Record = Mapping[str, AnyArray]
 NPY, NPZ = ".npy", ".npz"
-RECORD_BYTES = 256 * MIB
+RECORD_BYTES = 256 * source_files.MIB
 """Of a record: an image and some maps of forces are a few."""
 RECORDS_MOST = 10_000
 """Of a folder, of which a run takes a few."""
@@ -348,7 +340,7 @@ class RecordsData(RowsData):
     still: tuple[str, ...] = ()
 
 
-def read_records(source: Source, data: RecordsData) -> Recorded:
+def read_records(source: source_files.Source, data: RecordsData) -> Recorded:
     """Read a folder of records.
 
     Raises:
@@ -378,7 +370,9 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
     def at_rest(name: str, field: str) -> Callable[[], bytes]:
         if not name.endswith(NPY):
             return image_files(source)(name, field)
-        found = read_npy(source.read(name, field=field, most_bytes=RECORD_BYTES), name=name)
+        found = source_files.read_npy(
+            source.read(name, field=field, most_bytes=RECORD_BYTES), name=name
+        )
         return partial(_png, found, f"{field}: {name}", data.colour_order)
 
     own_columns = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
@@ -393,7 +387,7 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
     return replace(recorded, notes=(*recorded.notes, note)) if left_out else recorded
 
 
-def _names(source: Source, data: RecordsData) -> list[str]:
+def _names(source: source_files.Source, data: RecordsData) -> list[str]:
     """Return the records' files; an ``.npy`` beside an ``.npz`` of its name is its origin."""
     inside = source.prefix(data.records, field="data.records")
     there = {
@@ -413,13 +407,13 @@ def _names(source: Source, data: RecordsData) -> list[str]:
     return [f"{inside}{name}" for name in kept]
 
 
-def _read(source: Source, name: str) -> Record:
+def _read(source: source_files.Source, name: str) -> Record:
     """Return a record's arrays by name."""
     data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
     if name.endswith(NPZ):
-        return read_npz(data, array_names(data, name=name), name=name)
+        return source_files.read_npz(data, source_files.array_names(data, name=name), name=name)
     try:
-        found = read_npy(data, name=name)
+        found = source_files.read_npy(data, name=name)
     except RecordError as error:
         if "pickle" not in error.message:
             raise
@@ -467,7 +461,7 @@ def _cell(array: AnyArray) -> str:
     return repr(float(value)) if array.dtype.kind in "fiu" else ""
 
 
-def _image(source: Source, name: str, field: str, data: RecordsData) -> bytes:
+def _image(source: source_files.Source, name: str, field: str, data: RecordsData) -> bytes:
     key = data.columns.image or ""
     return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
 
@@ -475,7 +469,7 @@ def _image(source: Source, name: str, field: str, data: RecordsData) -> bytes:
 def _png(image: AnyArray, where: str, order: ColourOrder) -> bytes:
     """Return an image [height, width, 3] of 8 bits as PNG."""
     is_image = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
-    if not is_image or not 0 < image.shape[0] * image.shape[1] <= IMAGE_PIXELS:
+    if not is_image or not 0 < image.shape[0] * image.shape[1] <= source_files.IMAGE_PIXELS:
         raise RecordError(
             f"{where}: is {list(image.shape)} of {image.dtype}; images are [height, width, 3] of "
             "uint8",

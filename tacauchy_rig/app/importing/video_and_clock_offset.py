@@ -15,19 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field
 from scipy.signal import correlate, correlation_lags, lfilter
 
-from tacauchy_rig.app.importing.press_detection import (
-    Frame,
-    PressFinding,
-    PressSpan,
-    Recorded,
-    S,
-    Samples,
-    cut,
-    drift_note,
-    find_presses,
-    needed,
-    zero_of,
-)
+from tacauchy_rig.app.importing import press_detection as detection
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.table_rows import (
     POSE,
@@ -90,9 +78,9 @@ class Signal:
 
 
 def offset_to_force(
-    force: Samples,
+    force: detection.Samples,
     seen: Signal,
-    found: Sequence[PressSpan],
+    found: Sequence[detection.PressSpan],
     *,
     height: Signal | None = None,
     losses_show: bool = True,
@@ -116,7 +104,9 @@ def offset_to_force(
     followed = [felt, without_memory(felt)]
     if height is not None:
         followed = [Signal(time_s=height.time_s, value=-height.value)]
-    presses_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
+    presses_s = [
+        (start / detection.S, end / detection.S) for start, end in (each.pressed for each in found)
+    ]
     interval_s = float(np.median(np.diff(seen.time_s)))
     coarse_s = _coarse(root_of(felt), seen, interval_s / FINER)
     whole_s = [each for each in presses_s if _is_whole(seen.time_s + coarse_s, each, interval_s)]
@@ -212,12 +202,12 @@ def aligned(time_s: FloatArray, clock: CameraClock) -> FloatArray:
     return np.asarray(time_s + clock.offset_s + clock.drift * (time_s - time_s[0]))
 
 
-def felt_over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
+def felt_over_rests(force: detection.Samples, found: Sequence[detection.PressSpan]) -> Signal:
     """Return how much is felt [N] over a zero that goes evenly from rest to rest."""
     rests = [each.rest for each in found]
     middles = [sum(rest) / 2.0 for rest in rests]
-    zero = np.interp(force.stamp_ns, middles, [zero_of(force, rest) for rest in rests])
-    return Signal(time_s=force.stamp_ns / S, value=np.abs(force.value[:, FZ] - zero))
+    zero = np.interp(force.stamp_ns, middles, [detection.zero_of(force, rest) for rest in rests])
+    return Signal(time_s=force.stamp_ns / detection.S, value=np.abs(force.value[:, FZ] - zero))
 
 
 def root_of(felt: Signal) -> Signal:
@@ -344,10 +334,10 @@ class VideoData(Dialect):
     columns: LogColumns
     frame_rate: Frequency | None = Field(default=None, gt=0.0)
     complete: bool = False
-    presses: PressFinding = Field(default_factory=PressFinding)
+    presses: detection.PressFinding = Field(default_factory=detection.PressFinding)
 
 
-def read_video(source: Source, data: VideoData) -> Recorded:
+def read_video(source: Source, data: VideoData) -> detection.Recorded:
     """Read both, find the offset of their clocks, and cut them into presses.
 
     Raises:
@@ -356,18 +346,20 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     path = source.path(data.video, field="data.video", most_bytes=LARGE_BYTES)
     table = read_table(source, data.log, field="data.log", dialect=data)
     begin_s, time_s, notes = _times(table, data.columns)
-    stamp_ns = np.asarray(np.rint((time_s + 1.0) * S), dtype=np.int64)
+    stamp_ns = np.asarray(np.rint((time_s + 1.0) * detection.S), dtype=np.int64)
     force = _samples(table, data.columns, WRENCH, stamp_ns)
     pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
     source.problems.refuse()
-    found = find_presses(force, data.presses)
+    found = detection.find_presses(force, data.presses)
     seen, shows, told = _seen(path, data)
-    height = None if pose is None else Signal(time_s=pose.stamp_ns / S, value=pose.value[:, Z])
+    height = (
+        None if pose is None else Signal(time_s=pose.stamp_ns / detection.S, value=pose.value[:, Z])
+    )
     clock = offset_to_force(force, seen, found, height=height, losses_show=shows or data.complete)
-    frame_ns = np.asarray(np.rint(aligned(seen.time_s, clock) * S), dtype=np.int64)
-    wanted = np.flatnonzero(needed(frame_ns, found)).tolist()
+    frame_ns = np.asarray(np.rint(aligned(seen.time_s, clock) * detection.S), dtype=np.int64)
+    wanted = np.flatnonzero(detection.needed(frame_ns, found)).tolist()
     frames = png_frames(path, data.video, {number: int(frame_ns[number]) for number in wanted})
-    presses = cut(found, force, frames, pose)
+    presses = detection.cut(found, force, frames, pose)
     count = len(presses)
     clock = replace(clock, offset_s=clock.offset_s - 1.0 + begin_s)
     offset = (
@@ -379,12 +371,12 @@ def read_video(source: Source, data: VideoData) -> Recorded:
         "How late a frame shows the gel is part of it."
     )
     rate = f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
-    return Recorded(
+    return detection.Recorded(
         presses=presses,
         has_clock=True,
         sync_mode="contact_onset",
         unknown=(rate,) * (count < RATED),
-        notes=(offset, *told, *notes, *drift_note(found)),
+        notes=(offset, *told, *notes, *detection.drift_note(found)),
         contact_force_n=data.presses.contact_force,
         name="video",
         clock=clock,
@@ -421,11 +413,11 @@ def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[s
 
 def _samples(
     table: Table, columns: LogColumns, names: Sequence[str], stamp_ns: Int64Array
-) -> Samples:
+) -> detection.Samples:
     """Return the rows in which the third of the named columns is known."""
     value = np.full((len(stamp_ns), 6), np.nan)
     value[:, : len(names)] = read_columns(table, columns, *names)
-    return Samples(stamp_ns=stamp_ns, value=value).where(~np.isnan(value[:, Z]))
+    return detection.Samples(stamp_ns=stamp_ns, value=value).where(~np.isnan(value[:, Z]))
 
 
 def _video_frames(path: Path, name: str) -> Frames:
@@ -509,7 +501,7 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, bool, 
     return own_s, shows, [*told, *[note] * bool(len(gaps))]
 
 
-def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:
+def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[detection.Frame]:
     """Return some frames of a video as PNG: they cannot be kept as they are.
 
     Args:
@@ -519,7 +511,7 @@ def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:
         RecordError: The frames are too large or too many.
         ConfigError: They are of a codec that OpenCV cannot decode, and PyAV is not there.
     """
-    found: list[Frame] = []
+    found: list[detection.Frame] = []
     size, last = 0, max(stamps, default=-1)
     for number, (_, frame) in enumerate(_video_frames(path, name)):
         if number > last:
@@ -530,5 +522,5 @@ def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:
             if size > KEPT_BYTES:
                 raise RecordError(f"{name}: too many frames at rest", remedy="cut it into parts")
             title, read = f"{name} frame {number}", partial(bytes, png)
-            found.append(Frame(stamp_ns=stamps[number], name=title, read=read))
+            found.append(detection.Frame(stamp_ns=stamps[number], name=title, read=read))
     return found

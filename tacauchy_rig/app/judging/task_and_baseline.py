@@ -27,9 +27,8 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.importing.source_files import MIB, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, Column, as_csv, as_toml
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, optics_of
-from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
-from tacauchy_rig.app.replay.simulator_inputs import inputs_of, sensor_of
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of, parts_of, sensor_of
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import parse_toml, read_section

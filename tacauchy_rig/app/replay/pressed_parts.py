@@ -31,15 +31,14 @@ from sim.replay import (
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Target
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
-from tacauchy_rig.app.replay.press_grouping import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.rendering import rendered
+from tacauchy_rig.app.replay.simulator_inputs import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.tilt_and_place import fits_modulus, tilted_curve
 from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.simulated import REPLAY_NAME, Replay
+from tacauchy_rig.core.simulated import REPLAY_NAME, ForceDepthCurve, Replay
 from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.json_codec import dumps, read_json
 from tacauchy_rig.core.store.run_store import pack_arrays, unpack_arrays, write_fields

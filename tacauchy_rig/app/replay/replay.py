@@ -9,20 +9,19 @@ from pathlib import Path
 from reports.evidence.frames_and_curves import RunReading
 from sim.tolerance import Tolerance
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs
-from tacauchy_rig.app.replay.press_grouping import (
+from tacauchy_rig.app.replay.pressed_parts import PROBES_NAME, press_together, replay_parts
+from tacauchy_rig.app.replay.rendering import rendered
+from tacauchy_rig.app.replay.simulator_inputs import (
     Part,
+    check_optics,
     measured_attempts,
     measured_records,
     parts_of,
     some_of_each,
     tools_of,
 )
-from tacauchy_rig.app.replay.pressed_parts import PROBES_NAME, press_together, replay_parts
-from tacauchy_rig.app.replay.rendering import rendered
-from tacauchy_rig.app.replay.residual_split import split_images
-from tacauchy_rig.app.replay.simulator_inputs import check_optics
 from tacauchy_rig.app.replay.tilt_and_place import find_offset, mounted, offset_of
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs, split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process

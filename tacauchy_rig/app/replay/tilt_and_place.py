@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.scores.contact_scores import image_change, touched_by
-from reports.scores.pose_and_light_residual import register_changes
+from reports.scores.contact_scores import image_change, register_changes, touched_by
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
@@ -20,9 +19,8 @@ from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.simulated import FoundValue
+from tacauchy_rig.core.simulated import ForceDepthCurve, FoundValue
 
 TAKEN_FROM = 2.0
 """A value within this many of its standard uncertainties of zero is taken as zero."""

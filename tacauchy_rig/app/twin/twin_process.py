@@ -7,9 +7,8 @@ import sys
 import threading
 import time
 
-from protocols.processes.child_process import ignore_signals, run_child
+from protocols.processes.child_process import PRODUCERS, ignore_signals, run_child
 from protocols.processes.ipc import VIEWERS, Channel, FeedWriters, Job, Order, feed_readers
-from protocols.processes.viewer_processes import PRODUCERS
 from tacauchy_rig.app.twin.run_follower import DEVICE, FOLLOWS, Follows, RunFollower, twin_of
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.json_codec import dumps

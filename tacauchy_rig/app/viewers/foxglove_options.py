@@ -2,8 +2,8 @@
 
 from importlib.util import find_spec
 
+from protocols.processes.child_process import LOOPBACK, listen
 from protocols.processes.ipc import ViewerOptions
-from protocols.processes.viewer_processes import LOOPBACK, listen
 from tacauchy_rig.core.errors import ConfigError
 
 NAME, MODULE, PORT = "foxglove", "tacauchy_rig.app.viewers.foxglove_publisher", "port"

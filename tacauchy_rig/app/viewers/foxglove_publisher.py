@@ -12,10 +12,9 @@ import foxglove
 from foxglove.channels import CompressedImageChannel, PoseInFrameChannel
 from foxglove.messages import CompressedImage, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
-from protocols.processes.child_process import ignore_signals, run_child
+from protocols.processes.child_process import LOOPBACK, PRODUCERS, ignore_signals, run_child
 from protocols.processes.ipc import Channel, Job, Order, Shown, feed_readers
-from protocols.processes.viewer_processes import LOOPBACK, PRODUCERS
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.app.viewers.foxglove_options import PORT, SOURCES, address
 from tacauchy_rig.core.rotations import quaternion
 from tacauchy_rig.core.run import JournalEvent

@@ -1,12 +1,14 @@
-"""Writing files so that a crash leaves the old or the new one, and saying why it failed."""
+"""Writing files so that a crash leaves the old or the new one, by one program at a time."""
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import logging
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
@@ -132,3 +134,24 @@ def _space(path: Path) -> str:
         return f"{free_bytes(path.parent) / 1e6:.1f} MB free"
     except OSError:
         return "free space unknown"
+
+
+@contextmanager
+def run_lock(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path``; the kernel lets go of it when this process ends."""
+    with writing(path):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
+            raise RecordError(
+                f"{path.parent}: process {holder} is working on this run",
+                remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
+            ) from error
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(descriptor)

@@ -4,8 +4,6 @@ Every line has its number and the SHA-256 of the line before it, so that a line 
 doubled, moved or edited afterwards shows.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import logging
@@ -17,18 +15,11 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.atomic_write import (
-    bytes_sha256,
-    give_second_name,
-    set_aside,
-    sync_folder,
-    write_atomically,
-    writing,
-)
+from tacauchy_rig.core.store import atomic_write
 from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, read_value, to_json
 from tacauchy_rig.core.store.run_files import read_bytes
 
@@ -59,7 +50,7 @@ def append_event(path: Path, event: JournalEvent) -> None:
     Raises:
         RecordError: The disk is full, or the journal cannot be written.
     """
-    with writing(path):
+    with atomic_write.writing(path):
         is_new = not path.exists()
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         try:
@@ -72,7 +63,7 @@ def append_event(path: Path, event: JournalEvent) -> None:
         finally:
             os.close(descriptor)
         if is_new:
-            sync_folder(path.parent)
+            atomic_write.sync_folder(path.parent)
     if written != len(line):
         raise RecordError(
             f"{path}: only {written} of {len(line)} bytes of a line could be written",
@@ -113,7 +104,7 @@ def _following(before: bytes, event: JournalEvent) -> bytes:
     lines = [line for line in before.split(b"\n") if line]  # as ``_read_lines`` counts them
     content = {
         _NUMBER: len(lines) + 1,
-        _PREVIOUS: bytes_sha256(lines[-1]) if lines else "",
+        _PREVIOUS: atomic_write.bytes_sha256(lines[-1]) if lines else "",
         **to_json(event),
     }
     text = json.dumps(content, ensure_ascii=False, allow_nan=False)
@@ -163,7 +154,7 @@ class Journal:
     exists: bool = True  # false where the file is missing
 
     @classmethod
-    def read(cls, path: Path) -> Journal:
+    def read(cls, path: Path) -> Self:
         """Read a journal, which a run that never began does not have."""
         return cls(_read_lines(path)) if path.exists() else cls((), exists=False)
 
@@ -175,7 +166,7 @@ class Journal:
     @property
     def head(self) -> str:
         """SHA-256 of the last line, which stands for the whole run; empty without a journal."""
-        return bytes_sha256(self.lines[-1].raw) if self.lines else ""
+        return atomic_write.bytes_sha256(self.lines[-1].raw) if self.lines else ""
 
     @property
     def is_open(self) -> bool:
@@ -249,13 +240,13 @@ class HashedFile(Generic[T]):
         The line goes out first: a crash between the two leaves the file that an earlier line told
         of.
         """
-        self._log(bytes_sha256(content))
+        self._log(atomic_write.bytes_sha256(content))
         if self._path.exists() and not self.damage():
             previous = previous_of(self._path)
-            with writing(previous):
+            with atomic_write.writing(previous):
                 previous.unlink(missing_ok=True)
-                give_second_name(self._path, previous)
-        write_atomically(self._path, content)
+                atomic_write.give_second_name(self._path, previous)
+        atomic_write.write_atomically(self._path, content)
 
     def _log(self, sha256: str | None) -> None:
         log_hashes(self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=sha256)
@@ -275,12 +266,12 @@ class HashedFile(Generic[T]):
         if not is_lost and not self.damage():
             return
         if not is_lost:
-            set_aside(self._path, "torn")
+            atomic_write.set_aside(self._path, "torn")
         before = HashedFile(previous, self._kind, self._journal, self._what)
         if previous.exists() and not before.damage():
             content = read_bytes(previous, what=self._what)
-            write_atomically(self._path, content)
-            sha256 = bytes_sha256(content)
+            atomic_write.write_atomically(self._path, content)
+            sha256 = atomic_write.bytes_sha256(content)
         self._log(sha256)
 
 

@@ -22,9 +22,8 @@ from tacauchy_rig.core.store.atomic_write import (
 from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
 from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
 from tacauchy_rig.core.store.json_codec import read_json
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter
 from tacauchy_rig.core.store.run_files import (
     RESULT_NAME,
     SPILL_PATTERN,

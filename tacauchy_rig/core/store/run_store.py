@@ -28,12 +28,11 @@ from tacauchy_rig.core.run import (
     TrialRecord,
 )
 from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.store.atomic_write import bytes_sha256, write_atomically, writing
+from tacauchy_rig.core.store.atomic_write import bytes_sha256, run_lock, write_atomically, writing
 from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log_hashes, previous_of
 from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, to_json
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import RunPaths, file_sha256, read_bytes, run_folder
-from tacauchy_rig.core.store.run_lock import run_lock
 
 _MAX_UNPACKED_BYTES = 1 << 30
 _REMEDY = "replay the run again: `tacauchy-rig replay RUN`"

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5_connection import Commander
-from drivers.arm.ur5_health import ArmHealth, RtdeSockets
+from drivers.arm.ur5_connection import ArmHealth, Commander, RtdeSockets
 from drivers.arm.ur5_motion_and_watchdog import Ur5
 from drivers.arm.ur5_rtde import (
     INPUT_TYPES,

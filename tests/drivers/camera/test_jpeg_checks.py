@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.camera.jpeg_checks import clipped_ratio, jpeg_size
-from drivers.camera.touch_detection import TouchWatch
+from drivers.camera.frame_checks import TouchWatch, clipped_ratio, jpeg_size
 from drivers.interfaces import TouchMode
 
 

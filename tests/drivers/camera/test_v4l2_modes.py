@@ -20,13 +20,13 @@ import pytest
 
 from drivers.camera.uncompressed_frames import RollWatch
 from drivers.camera.v4l2_modes import REQUESTS, Offer, PixelFormat, VideoMode, modes_for
-from drivers.emulators.camera.frame_server import (
+from drivers.emulators.camera.frames_and_noise import (
     description_of,
+    encode_jpeg,
     encode_yuyv,
     preloaded,
     serve_device,
 )
-from drivers.emulators.camera.frames_and_noise import encode_jpeg
 from tacauchy_rig.core.config.settings import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.force_sensor.sri_protocol import (
+from drivers.force_sensor.sri_m3733c import (
     FrameParser,
     Reply,
     decode_command,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.interfaces import FrameMark, ProgramEndedError, StreamHealth
-from protocols.control.record_entries_and_rates import RateMeter, lateness_ms
+from protocols.control.cycle import RateMeter, lateness_ms
 from protocols.guard.breach_reaction import BreachError
 from tacauchy_rig.core.errors import DeviceError
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.guard.force_limits import Contact, ForceGuard
-from protocols.guard.frozen_sensor import NOISE_SAMPLES, Liveness
+from protocols.guard.force_limits import NOISE_SAMPLES, Contact, ForceGuard, Liveness
 from tacauchy_rig.core.run import ForceSample, Tare
 from tests.protocols.conftest import breach
 

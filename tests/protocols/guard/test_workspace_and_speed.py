@@ -6,9 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from protocols.guard.arm_following import LEAST_TRAVEL_M, FollowGuard
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.guard.workspace_and_speed import Workspace
+from protocols.guard.place_and_motion import LEAST_TRAVEL_M, FollowGuard, Workspace
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.protocols.conftest import arm_state, breach

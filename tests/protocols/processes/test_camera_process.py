@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin
+from protocols.control.cycle import Begin
 from protocols.processes.camera_process import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.ipc import Channel
-from protocols.processes.recorder_and_camera_links import RemoteCamera
+from protocols.processes.recorder_process import RemoteCamera
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ImageFrame
 from tests.mock.bench import SimulatedClock

@@ -4,7 +4,7 @@ from contextlib import closing
 
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin
+from protocols.control.cycle import Begin
 from protocols.processes.control_process import PERIOD_NS, Broadcast
 from protocols.processes.ipc import FeedWriters
 from protocols.steps.tare_and_force_window import take_tare

@@ -6,10 +6,10 @@ import socket
 
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin, End
-from protocols.processes import recorder_and_camera_links as link_module
+from protocols.control.cycle import Begin, End
+from protocols.processes import recorder_process as link_module
 from protocols.processes.ipc import Ack, Channel
-from protocols.processes.recorder_and_camera_links import BETWEEN_ATTEMPTS, RecorderLink
+from protocols.processes.recorder_process import BETWEEN_ATTEMPTS, RecorderLink
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ForceSample, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from protocols.control.record_entries_and_rates import Begin, End
+from protocols.control.cycle import Begin, End
 from protocols.processes.ipc import Channel
 from protocols.processes.recorder_process import Producer, Recorder, RecordKeeper, encoded
 from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord

@@ -8,9 +8,9 @@ from contextlib import closing
 
 import pytest
 
-from protocols.processes import viewer_processes as viewing_module
+from protocols.processes import child_process as viewing_module
+from protocols.processes.child_process import Viewing
 from protocols.processes.ipc import Job, PageOptions
-from protocols.processes.viewer_processes import Viewing
 from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.errors import ConfigError
 

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from drivers.emulators.faults import parse_fault
 from protocols.guard.breach_reaction import BreachError
-from protocols.guard.depth_limits import BEYOND_M
 from protocols.guard.force_limits import Contact
-from protocols.steps.arm_moves import approach
-from protocols.steps.contact_search import search_contact
+from protocols.guard.place_and_motion import BEYOND_M
+from protocols.steps.arm_moves import approach, search_contact
 from protocols.steps.force_servo_hold_sway import ForceServo
 from protocols.steps.tare_and_force_window import take_tare
 from tests.mock.world import Gel

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.emulators.faults import parse_fault
-from protocols.guard.depth_limits import BEYOND_M
+from protocols.guard.place_and_motion import BEYOND_M
 from tacauchy_rig.core.run import Outcome
 from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.worlds import EXPECTED, MiniGel

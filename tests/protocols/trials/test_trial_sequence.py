@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from protocols.guard.breach_reaction import BreachError, Reaction
-from protocols.trials import repeat_attempts
+from protocols.trials import trial_sequence
 from protocols.trials import trial_sequence as trials
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Outcome
@@ -126,12 +126,12 @@ def test_an_arm_in_the_gel_does_not_go_on(laboratory):
     lab = laboratory('protocol.force_targets=["2 N"]')
     lab.run()
     late = BreachError(
-        "late", limit=repeat_attempts.LATE_IMAGE, reaction=Reaction.RETRACT, remedy=""
+        "late", limit=trial_sequence.LATE_IMAGE, reaction=Reaction.RETRACT, remedy=""
     )
-    assert repeat_attempts.may_repeat(lab.cycle, late)
+    assert trial_sequence.may_repeat(lab.cycle, late)
     low = lab.world.pose.shifted(z=0.1995 - lab.world.pose.position[2])
     lab.cycle.last_state = replace(lab.cycle.last_state, pose=low)
-    assert not repeat_attempts.may_repeat(lab.cycle, late)
+    assert not trial_sequence.may_repeat(lab.cycle, late)
 
 
 def test_a_broken_device_says_how_the_run_goes_on():

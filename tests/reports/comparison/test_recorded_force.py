@@ -14,9 +14,13 @@ from reports.evidence.frames_and_curves import RunReading
 from reports.evidence.gather_evidence import load_evidence
 from reports.page.summary_and_junit import write_report
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.recording.mcap_messages import ForceMessage, RawMessage, Topic
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import (
+    ForceMessage,
+    RawMessage,
+    RecordingWriter,
+    Topic,
+)
 from tacauchy_rig.core.store.run_store import RunStore
 
 TARE_N, FORCE_N = 0.8, 1.2556

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from reports.comparison.run_comparison import compare
-from reports.evidence.emulated_truth import read_true_dwells
 from reports.evidence.evidence_types import ImageGeometry, RunEvidence
 from reports.evidence.frames_and_curves import RunReading
-from reports.evidence.gather_evidence import load_evidence, summarize_journal
+from reports.evidence.gather_evidence import load_evidence, read_true_dwells, summarize_journal
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.simulated import Replay

@@ -10,8 +10,8 @@ from reports.comparison.verdict_sentences import limits_of
 from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.modulus_and_tilt_fit import fit_modulus, fit_tilt
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.simulated import ForceDepthCurve
 from tests.made_model import made_model
 
 _STIFFNESS_N_M = 6e3

@@ -10,14 +10,12 @@ from reports.comparison.result_types import ValidationReport
 from reports.scores.contact_scores import (
     contact_crop,
     contact_footprint,
-    footprint_radius,
-    image_change,
-    score_contact,
-)
-from reports.scores.pose_and_light_residual import (
     correct,
     fit_light,
+    footprint_radius,
+    image_change,
     register_changes,
+    score_contact,
     shift_change,
 )
 

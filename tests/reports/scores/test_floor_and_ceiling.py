@@ -11,15 +11,16 @@ import pytest
 from reports.comparison.result_types import ValidationReport
 from reports.comparison.run_comparison import compare
 from reports.evidence.evidence_types import RunEvidence, TrialEvidence, TrialImages
-from reports.scores.floor_and_ceiling import (
+from reports.scores.image_metrics import (
     CeilingKind,
+    Metric,
     SkillStatus,
     flat_mean_image,
+    score,
     skill,
     trial_ceiling,
     trial_floors,
 )
-from reports.scores.image_metrics import Metric, score
 from reports.scores.wrong_forces import (
     CONTACT_RESIDUAL,
     WrongForceMatrix,

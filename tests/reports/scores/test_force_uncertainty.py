@@ -16,9 +16,8 @@ from reports.scores.force_uncertainty import (
     scatter_of,
     uncertainty_budget,
 )
-from tacauchy_rig.core.config.stated_uncertainty import Stated
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
-from tacauchy_rig.core.simulated import ForceInput
+from tacauchy_rig.core.config.settings import Stated
+from tacauchy_rig.core.simulated import ForceDepthCurve, ForceInput
 from tests.made_model import made_model
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from drivers.emulators.plant.ball_presses import touched_at
 from drivers.emulators.plant.gel_image_and_lights import render_press
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from drivers.emulators.plant.truth import CylinderTip, PlantTruth, SphereTip, Tip, draw_truth
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
 from tacauchy_rig.core.arrays import FloatArray

@@ -24,13 +24,12 @@ from tacauchy_rig.app.cli.output import (
     show_table,
     write_json,
 )
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs, variations
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs, variations
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
-from tacauchy_rig.core.simulated import Replay
+from tacauchy_rig.core.simulated import ForceDepthCurve, Replay
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 HELD_MIN = 0.85

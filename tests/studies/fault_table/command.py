@@ -118,7 +118,7 @@ def fault_table(
     """
     from tacauchy_rig.core.config.load import load_config
     from tacauchy_rig.core.parallel import parallel_map
-    from tacauchy_rig.core.store.run_lock import run_lock
+    from tacauchy_rig.core.store.atomic_write import run_lock
     from tests.studies.fault_table.emulated_rig import write_case_config
 
     chosen = select_cases(all_cases(), only=only or (), moments=moment or ())

@@ -144,7 +144,7 @@ MODULUS_PER_K, GAIN_PER_K, ZERO_N_PER_K = 3e-3, 2e-4, 0.01
 """Rubber elasticity (proportional to absolute temperature); a cell's sheet, as others have them."""
 DEPTH_SHARE = {RobotModel.E_SERIES: 0.014, RobotModel.CB3: 0.021}
 """Standard deviation of an arm's way over 1 mm, of the run and again of each trial: 20 and 30 um in
-all (``tacauchy_rig.core.config.stated_uncertainty``)."""
+all (``tacauchy_rig.core.config.settings``)."""
 
 
 def honest_world(seed: int, *, weighed: bool | None = None) -> World:

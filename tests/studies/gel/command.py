@@ -13,7 +13,7 @@ import typer
 from scipy.stats.qmc import LatinHypercube
 
 from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
+from drivers.emulators.plant.truth import CylinderTip, SphereTip, Tip
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene_parsing import parse_indenter
 from tacauchy_rig.app.calibration.material.fit_and_next_presses import (

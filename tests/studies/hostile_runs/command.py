@@ -29,7 +29,7 @@ from tacauchy_rig.app.cli.output import Jobs, JsonFile, complain, say, write_jso
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg
 from tacauchy_rig.core.run import ImageFrame
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic, decode_jpeg, encode
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, Topic, decode_jpeg, encode
 from tacauchy_rig.core.study import selected
 from tests.recorded_run import new_run, press_run
 from tests.studies.hostile_runs.kinds import all_kinds

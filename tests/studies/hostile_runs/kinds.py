@@ -19,9 +19,8 @@ import numpy as np
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.simulated import REPLAY_NAME
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter, Topic
 from tacauchy_rig.core.store.run_files import RunPaths
 
 Change = Callable[[Path, Path, Random], object]

@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 
 from drivers.emulators.force_sensor.m8128_box_and_noise import ForceChannel
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import draw_truth
+from drivers.emulators.plant.truth import CylinderTip, draw_truth
 from reports.comparison.run_comparison import compare
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__

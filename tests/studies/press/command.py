@@ -9,12 +9,10 @@ import typer
 
 from drivers.emulators.plant.gel_image_and_lights import GelCamera
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from drivers.emulators.plant.truth import CylinderTip, PlantTruth, draw_truth
 from tacauchy_rig.app.cli.output import JsonFile, show_table, write_json
 from tacauchy_rig.app.gel_health import Advice, GelState, PressMeasures, compare_presses
-from tacauchy_rig.core.config.settings import RobotModel
-from tacauchy_rig.core.config.stated_uncertainty import DEPTH_ERROR_M
+from tacauchy_rig.core.config.settings import DEPTH_ERROR_M, RobotModel
 from tacauchy_rig.core.tables import Table, table_of_rows
 
 TARGET_N = 2.0

@@ -18,9 +18,8 @@ from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
-from tacauchy_rig.app.replay.press_grouping import measured_attempts
-from tacauchy_rig.app.replay.residual_split import split_images
-from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
+from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, measured_attempts
+from tacauchy_rig.app.replay.uncertain_inputs import split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit

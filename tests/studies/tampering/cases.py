@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tacauchy_rig.core.image_codec import decode_rgb, encode_png
-from tacauchy_rig.core.store.recording.mcap_messages import (
+from tacauchy_rig.core.store.recording.mcap_writer import (
     ArmMessage,
     ForceMessage,
     ImageMessage,

@@ -17,9 +17,8 @@ from mcap.opcode import Opcode
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
 from tacauchy_rig.core.store.journal import StoreEvent
 from tacauchy_rig.core.store.json_codec import dumps
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths
 from tacauchy_rig.core.store.run_store import RunStore
 

@@ -10,12 +10,17 @@ from sim.fields.saved_press import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, OpticalCalibration, optics_of
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs
-from tacauchy_rig.app.replay.press_grouping import Part, measured_attempts, measured_records
 from tacauchy_rig.app.replay.pressed_parts import press_together
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
-from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.simulator_inputs import (
+    Part,
+    ReplayInputs,
+    inputs_of,
+    measured_attempts,
+    measured_records,
+)
 from tacauchy_rig.app.replay.tilt_and_place import mounted
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay
 from tacauchy_rig.core.time_limit_and_progress import say

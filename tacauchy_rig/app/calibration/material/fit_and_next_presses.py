@@ -8,11 +8,10 @@ and as relative errors what all points of an indenter share (mesh, sizes, mounti
 (height of the gel, the cell's gain, the law).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -26,8 +25,8 @@ from sim.scene.scene import ContactMode
 from sim.scene.scene_parsing import parse_indenter
 from sim.tilt_sensitivity import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
-from tacauchy_rig.app.replay.input_uncertainty import force_inputs
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
+from tacauchy_rig.app.replay.uncertain_inputs import force_inputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map
@@ -81,7 +80,7 @@ class Response:
     inputs: tuple[ForceInput, ...] = ()  # what else it depends on
 
     @classmethod
-    def of(cls, depths_m: FloatArray, areas_m2: Sequence[FloatArray]) -> Response:
+    def of(cls, depths_m: FloatArray, areas_m2: Sequence[FloatArray]) -> Self:
         """Interpolate forces over modulus [m^2] at depths [m].
 
         Args:

@@ -13,12 +13,10 @@ from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.importing.source_files import Source
 from tacauchy_rig.app.importing.text_tables import Column, read_table
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.press_grouping import Part, parts_of
-from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.simulator_inputs import Part, ReplayInputs, inputs_of, parts_of
 from tacauchy_rig.core.arrays import FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.settings import RigConfig, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of

@@ -320,23 +320,13 @@ def _frames(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iter
     stamps, counters = recording.frame_stamps()
     yield from _disorder("image", stamps, counters, record)
     stated = {criterion.name: criterion.measured for criterion in record.criteria}
-    for name, start_ns, end_ns in _image_windows(record):
+    for name, window in record.windows.items():
         counted = stated.get(f"{name}_frames")
         if counted is None or not attempt.is_whole:
             continue
-        found = int(np.count_nonzero(within(stamps, start_ns, end_ns)))
+        found = int(np.count_nonzero(within(stamps, *window)))
         if found < counted:  # one that reached control late was not counted in its time
             yield f"{name}_frames: {found} images, result.json counted {counted:g}"
-
-
-def _image_windows(record: TrialRecord) -> Iterator[tuple[str, int, int]]:
-    """Yield name, start and end [ns] of the windows of images that a result has."""
-    for name, start_ns, end_ns in (
-        ("reference", record.reference_start_ns, record.reference_end_ns),
-        ("dwell", record.dwell_start_ns, record.dwell_end_ns),
-    ):
-        if start_ns is not None and end_ns is not None:
-            yield name, start_ns, end_ns
 
 
 def _disorder(
@@ -357,8 +347,8 @@ def _disorder(
 def _repeated(recording: Recording, record: TrialRecord) -> Iterator[str]:
     seen: dict[bytes, int] = {}
     repeated: list[tuple[int, int]] = []
-    for _, start_ns, end_ns in _image_windows(record):
-        for frame in recording.frames(start_ns, end_ns):
+    for name, window in record.windows.items():
+        for frame in recording.frames(*window) if name != "tare" else ():
             first = seen.setdefault(hashlib.sha256(frame.jpeg).digest(), frame.counter)
             if first != frame.counter:
                 repeated.append((frame.counter, first))

@@ -127,8 +127,8 @@ def _tare(attempt: Attempt, name: str, tare: Tare, force: ForceArrays) -> Criter
 def _depth(arm: ArmArrays, record: TrialRecord, contact_z_m: float, depth_m: float) -> Criterion:
     """Judge the mean depth in the dwell; the height of contact has to be where the arm was."""
     z_m = np.empty(0)
-    if record.dwell_start_ns is not None and record.dwell_end_ns is not None:
-        z_m = arm.pose[within(arm.stamp_ns, record.dwell_start_ns, record.dwell_end_ns), Z]
+    if dwell := record.windows.get("dwell"):
+        z_m = arm.pose[within(arm.stamp_ns, *dwell), Z]
     found_m = contact_z_m - float(z_m.mean()) if len(z_m) else math.nan
     limit_m = TURN_DEPTH_M + (STANDARD_ERRORS * float(np.std(z_m)) if len(z_m) else 0.0)
     return _same("recorded_depth", found_m * _MM, depth_m * _MM, limit_m * _MM, "mm")
@@ -142,11 +142,11 @@ def _arm_force(
     The protocol averages at its turns, the check at every state: on a busy computer the means of
     dwell and zero are both of other windows, by what such means scatter.
     """
-    begun = _entered(attempt, "search")
-    if begun is None or record.dwell_start_ns is None or record.dwell_end_ns is None:
+    begun, dwell = _entered(attempt, "search"), record.windows.get("dwell")
+    if begun is None or dwell is None:
         return
     stamp_ns, felt_n = _arm_means(arm)
-    dwell_n = felt_n[within(stamp_ns, record.dwell_start_ns, record.dwell_end_ns)]
+    dwell_n = felt_n[within(stamp_ns, *dwell)]
     # The arm stands still for its zero, in earlier runs for 0.3 s.
     first_ns, last_ns = (begun.stamp_ns + round(s * 1e9) for s in (ARM_WINDOW_S, ARM_ZERO_S))
     zero_n = felt_n[within(stamp_ns, first_ns, last_ns)]

@@ -27,7 +27,7 @@ from mcap.writer import MCAP0_MAGIC
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import ImageFrame, JournalEvent
-from tacauchy_rig.core.store.recording.mcap_messages import (
+from tacauchy_rig.core.store.recording.mcap_writer import (
     ARM_STATES,
     POSE_FIELDS,
     TCP_FORCE_FIELDS,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.arm.coarse_force_estimate import COARSENESS, ForceEstimate
-from drivers.emulators.arm.tool_motion import STILL, ToolMotion
+from drivers.emulators.arm.safety_and_registers import STILL, ToolMotion
 from tacauchy_rig.core.config.settings import RobotModel
 from tacauchy_rig.core.rotations import composed
 from tacauchy_rig.core.run import Pose, Vector3, Vector6

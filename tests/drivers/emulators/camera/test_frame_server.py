@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.camera.v4l2_modes import PixelFormat
-from drivers.emulators.camera.frame_server import (
+from drivers.emulators.camera.frames_and_noise import (
     description_of,
     encode_jpeg,
     encode_yuyv,

@@ -27,8 +27,7 @@ from drivers.emulators.camera.frames_and_noise import (
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.plant.gel_image_and_lights import render_press
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import draw_truth, write_truth
+from drivers.emulators.plant.truth import CylinderTip, draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess, command_line, post_fault
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.config.load import load_config

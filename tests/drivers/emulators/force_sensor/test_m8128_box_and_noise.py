@@ -18,8 +18,7 @@ from drivers.emulators.force_sensor.m8128_box_and_noise import (
     open_trace,
 )
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import draw_truth
+from drivers.emulators.plant.truth import CylinderTip, draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from drivers.force_sensor.sri_m3733c import SriM3733c
 from tacauchy_rig.core.config.load import load_config

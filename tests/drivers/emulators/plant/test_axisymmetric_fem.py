@@ -23,8 +23,7 @@ from drivers.emulators.plant.axisymmetric_fem import (
     tilt_response,
 )
 from drivers.emulators.plant.quad_mesh import Grading, mesh_disc
-from drivers.emulators.plant.tips import CylinderTip, SphereTip
-from drivers.emulators.plant.truth import GelDisc
+from drivers.emulators.plant.truth import CylinderTip, GelDisc, SphereTip
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConvergenceError
 

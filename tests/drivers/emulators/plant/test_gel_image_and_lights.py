@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
-from drivers.emulators.plant.tips import CylinderTip, SphereTip
-from drivers.emulators.plant.truth import MarkerGrid, draw_truth
+from drivers.emulators.plant.truth import CylinderTip, MarkerGrid, SphereTip, draw_truth
 from tacauchy_rig.core.errors import ConfigError
 
 TRUTH = draw_truth(7)

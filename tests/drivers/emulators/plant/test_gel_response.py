@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.emulators.force_sensor.m8128_box_and_noise import ForceChannel
 from drivers.emulators.plant.gel_response import Plant, Relaxation, tilted_depths
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from drivers.emulators.plant.truth import CylinderTip, PlantTruth, draw_truth
 from tacauchy_rig.core.run import Pose
 
 SURFACE = (0.0, -0.4, 0.2)

@@ -19,8 +19,7 @@ from drivers.emulators.plant.press_table import (
     compute_table,
     press_table,
 )
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import FRICTION
+from drivers.emulators.plant.truth import FRICTION, CylinderTip, SphereTip, Tip
 
 SMALL = PressCase(tip=SphereTip(diameter_m=4e-3), max_depth_m=0.1e-3)
 

@@ -15,11 +15,11 @@ from drivers.emulators.plant.gel_image_and_lights import render_press, view_of
 from drivers.emulators.plant.gel_response import SurfaceProfile
 from drivers.emulators.plant.press_table import PressCase, compute_table
 from drivers.emulators.plant.relief_shadows_and_texture import relief_of, visible_share
-from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import (
     EmulatedUnit,
     GelDisc,
     GelLight,
+    SphereTip,
     draw_truth,
     read_truth,
     write_truth,

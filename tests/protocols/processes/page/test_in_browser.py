@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from protocols.processes.child_process import CONTROL_ENDED, Viewing
 from protocols.processes.ipc import Job, PageOptions
-from protocols.processes.viewer_processes import CONTROL_ENDED, Viewing
 from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.run import JournalEvent, Outcome
 from tests.protocols.processes.page.conftest import ONE, running

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from protocols.processes.child_process import AFTERWARDS, CONTROL_ENDED
 from protocols.processes.ipc import Job, Shown
 from protocols.processes.page.page_state import TRACE_SAMPLES, StreamView, View
-from protocols.processes.page.small_picture import WIDEST_PX, reduced
-from protocols.processes.viewer_processes import AFTERWARDS, CONTROL_ENDED
+from protocols.processes.page.server import WIDEST_PX, reduced
 from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.image_codec import media_type
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord

@@ -91,7 +91,7 @@ def test_a_person_hangs_the_weight_before_what_takes_long(
     """On an emulated cell it hangs once that cell has started."""
     done: list[str] = []
     monkeypatch.setattr(run_and_resume, "_check_force", lambda *_: done.append("weight"))
-    expected = "tacauchy_rig.app.session.expected_force.kept_expectation"
+    expected = "tacauchy_rig.app.session.record_run_and_weight_check.kept_expectation"
     monkeypatch.setattr(expected, lambda _: done.append("expected"))
     ended: Any = SimpleNamespace(outcome=Outcome.PASSED, records=())
     monkeypatch.setattr(run_and_resume, "press", lambda *_: ended)

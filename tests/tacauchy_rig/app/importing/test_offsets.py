@@ -13,8 +13,7 @@ import pytest
 
 from drivers.emulators.camera.frames_and_noise import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel_response import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from drivers.emulators.plant.truth import CylinderTip, PlantTruth, draw_truth
 from tacauchy_rig.app.importing.press_detection import (
     Frame,
     PressFinding,

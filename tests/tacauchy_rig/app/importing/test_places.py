@@ -18,10 +18,9 @@ from tacauchy_rig.app.replay import pressed_parts as replay_parts
 from tacauchy_rig.app.replay import replay as replaying
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.open_run import open_run
-from tacauchy_rig.app.replay.press_grouping import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
-from tacauchy_rig.app.replay.simulator_inputs import inputs_of
+from tacauchy_rig.app.replay.simulator_inputs import inputs_of, parts_of
 from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png

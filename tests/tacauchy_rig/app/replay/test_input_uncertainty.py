@@ -17,10 +17,9 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
 from sim.tilt_sensitivity import forces_at
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
-from tacauchy_rig.app.replay.input_uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.app.replay.rendering import replay_images
-from tacauchy_rig.app.replay.residual_split import split_images
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.uncertain_inputs import _quick, force_inputs, split_images, variations
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.simulated import FoundValue, ResidualSplit

@@ -32,7 +32,7 @@ from tacauchy_rig.app.replay.tilt_and_place import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
-from tacauchy_rig.core.force_depth_curve import ForceDepthCurve
+from tacauchy_rig.core.simulated import ForceDepthCurve
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 from tests.studies.mounting.command import drawn_dwells
 

@@ -15,8 +15,7 @@ import uvicorn
 
 from protocols.processes.page.access_token import AccessRule
 from tacauchy_rig.app.gel_health import GelState, PressMeasures, compare_presses
-from tacauchy_rig.app.results.run_list_comparison_trend import Health
-from tacauchy_rig.app.results.server import ResultsServer
+from tacauchy_rig.app.results.results_pages import Health, ResultsServer
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.recorded_run import empty_run
 

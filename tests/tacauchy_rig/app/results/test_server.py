@@ -7,12 +7,7 @@ from typing import Any
 
 import pytest
 
-from tacauchy_rig.app.results.run_list_comparison_trend import (
-    ListedRun,
-    differing,
-    find_runs,
-    folder_of_runs,
-)
+from tacauchy_rig.app.results.results_pages import ListedRun, differing, find_runs, folder_of_runs
 from tacauchy_rig.core.errors import ConfigError
 from tests.recorded_run import empty_run
 from tests.tacauchy_rig.app.results.made_runs import NAMES, TOKEN, Client, served

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.replay.simulator_inputs import check_gel
-from tacauchy_rig.app.session import expected_force as loop_expected
-from tacauchy_rig.app.session.expected_force import expected_press, kept_expectation
+from tacauchy_rig.app.session import record_run_and_weight_check as loop_expected
 from tacauchy_rig.app.session.record_run_and_weight_check import (
     ForceCheckError,
     check_cell,
+    expected_press,
+    kept_expectation,
     mark_expired,
     needs_weight,
     note_changes,

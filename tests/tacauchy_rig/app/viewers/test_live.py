@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from protocols.processes.ipc import Shown
-from protocols.trials.attempt_and_criteria import PlannedTrial
+from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.app.viewers.foxglove_publisher import AXES, IMAGES, Topics
 from tacauchy_rig.core.image_codec import encode_jpeg
 from tacauchy_rig.core.run import JournalEvent

@@ -4,8 +4,7 @@ import pytest
 
 from tacauchy_rig.core.config.field_ranges import ceilings
 from tacauchy_rig.core.config.load import check_config, load_config, restore_config
-from tacauchy_rig.core.config.settings import UncertaintySection
-from tacauchy_rig.core.config.stated_uncertainty import stated_uncertainty
+from tacauchy_rig.core.config.settings import UncertaintySection, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import parse_quantity
 

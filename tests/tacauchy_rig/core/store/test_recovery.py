@@ -14,9 +14,8 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import dumps
-from tacauchy_rig.core.store.recording.mcap_messages import Recorded
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import Recorded, RecordingWriter
 from tacauchy_rig.core.store.recovery import recover_recording, recover_recordings
 from tacauchy_rig.core.store.run_files import RunPaths
 

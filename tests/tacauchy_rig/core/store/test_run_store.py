@@ -211,7 +211,7 @@ def test_one_program_at_a_time(store: RunStore) -> None:
     """A second program is told which process works on the run; the lock dies with its holder."""
     code = (
         "import sys, time; from pathlib import Path; "
-        "from tacauchy_rig.core.store.run_lock import run_lock; "
+        "from tacauchy_rig.core.store.atomic_write import run_lock; "
         "lock = run_lock(Path(sys.argv[1])); "
         "lock.__enter__(); print('locked', flush=True); time.sleep(60)"
     )

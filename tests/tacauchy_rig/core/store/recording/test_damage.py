@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.recording.mcap_messages import RawMessage, Topic
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter, Topic
 
 FRAME_COUNT = 6
 

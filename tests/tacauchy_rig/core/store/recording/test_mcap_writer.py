@@ -22,9 +22,8 @@ from mcap_protobuf.decoder import DecoderFactory
 import tacauchy_rig
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent
-from tacauchy_rig.core.store.recording.mcap_messages import EventMessage, encode
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
-from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
+from tacauchy_rig.core.store.recording.mcap_writer import EventMessage, RecordingWriter, encode
 from tacauchy_rig.core.store.recovery import recover_recording
 from tests.tacauchy_rig.core.store.recording import crash_writer
 
