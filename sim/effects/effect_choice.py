@@ -1,13 +1,9 @@
 """Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
 
-An effect is left out where that is shown to change no output that is asked for by more than its
-tolerance, all that is left out taken together. It is shown by trying: the scene is pressed coarsely
-with the effect and without. What is off is not compiled, not launched and not allocated.
-
-Trying costs time too. An effect is tried only where leaving it out would save more than that; else
-it is on. Weight and inertia have scales that bound them, each within a range; outside it, weight is
-tried like the others, and inertia, which a press in time alone could tell, is on. Where a press has
-several equilibria, nothing is left out: what is small chooses between them.
+docs/explanation/effects.md says how. What is off is not compiled, not launched and not allocated.
+Outside the range of the scales that bound them weight is tried like the others, and inertia, which
+a press in time alone could tell, is on. Where a press has several equilibria, nothing is left out:
+what is small chooses between them.
 """
 
 from dataclasses import replace

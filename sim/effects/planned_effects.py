@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sim.effects import depth_and_inertia_scales as estimates
-from sim.effects.symmetry_planes import mirrors
+from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -63,16 +63,10 @@ class EffectPlan:
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the rows for ``--json``."""
+        names = ("on", "reason", "estimated_error", "costs", "asked")
         return [
-            {
-                "name": row.effect.value,
-                "on": row.on,
-                "reason": row.reason,
-                "estimated_error": row.estimated_error,
-                "costs": row.costs,
-                "asked": row.asked,
-            }
-            for row in self.rows.values()
+            {"name": effect.value, **{name: getattr(row, name) for name in names}}
+            for effect, row in self.rows.items()
         ]
 
 

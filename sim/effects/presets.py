@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 
 from sim.contact.surface_and_grip import ContactOptions
+from sim.effects.depth_and_inertia_scales import expected_depth
 from sim.effects.mesh_choice import (
     MeshKind,
     Resolution,
@@ -10,10 +11,12 @@ from sim.effects.mesh_choice import (
     contact_reach,
     footprint_mesh,
     mesh_choice,
+    mesh_depth,
+    mirrors,
+    sharp_edge_m,
     wild_sizing,
 )
 from sim.effects.planned_effects import EffectPlan, full_plan
-from sim.effects.symmetry_planes import mirrors
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
 from sim.material.relaxation import prony_series
@@ -22,7 +25,7 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.indenter import Cylinder
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -70,6 +73,13 @@ _SECTOR_GROWTH, _SECTOR_BASE = 0.5, 1.6
 # Of a light scene whose indenter is carried, turned or tilted, where half or all of the pad is
 # meshed: F_z of nine such presses is 0 to 0.9 % larger than with edges of at most 2.5 mm.
 _MOVED_SIZE_MAX_M = 4e-3
+# Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows no
+# corner, and what it catches of one hangs on chance: F_z of a 5 mm punch, 0.5 mm deep, on three
+# edges a tenth apart is 3.11, 3.08 and 3.12 N without, 2.99, 3.01 and 2.98 N with a quarter of an
+# edge, and tends to 2.986 N. Half an edge is 1 to 2 % too soft where the depth is less.
+_RIM_SHARE = 0.25
+# Of the depth: as much of a pointed tip may be cut off by that.
+_BLUNTED_SHARE = 0.05
 
 
 def light_resolution(refinement: float) -> Resolution:
@@ -169,6 +179,27 @@ def mesh_for(
 def finest_edge_m(scene: Scene) -> float:
     """Return the edge length that a scene's preset gives to the indenter's rim or contact [m]."""
     return _grading(scene, _resolution(scene)).size_m
+
+
+def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
+    """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge.
+
+    Args:
+        refinement: Every edge is this many times shorter.
+    """
+    indenter = scene.indenter
+    if scene.preset is Preset.PAPER:
+        return indenter
+    if isinstance(indenter, MeshIndenter):
+        depth_m = mesh_depth(scene)
+        radius_m = _RIM_SHARE * min(sharp_edge_m(scene) / refinement, depth_m)
+        rounded = indenter.with_edges(radius_m)
+        blunt = rounded.blunted_m / (_BLUNTED_SHARE * depth_m)
+        return rounded if blunt <= 1.0 else indenter.with_edges(radius_m / blunt)
+    if not isinstance(indenter, Cylinder) or indenter.fillet_m > 0.0:
+        return indenter
+    edge_m = finest_edge_m(scene) / (scene.refinement * refinement)
+    return replace(indenter, fillet_m=_RIM_SHARE * min(edge_m, expected_depth(scene)))
 
 
 def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
