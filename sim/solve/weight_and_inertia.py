@@ -12,6 +12,8 @@ Weight is shared among the nodes of a straight-sided tetrahedron by the integral
 functions. A quadratic tetrahedron's corners then carry -1/20 of it each, which no mass may be.
 Inertia is therefore shared in proportion to the diagonal of the consistent mass matrix (Hinton,
 Rock, Zienkiewicz 1976), which is positive.
+
+Densities [kg/m^3] are one number, or one for each tetrahedron.
 """
 
 import math
@@ -85,7 +87,6 @@ def nodal_masses(model: Model, density_kg_m3: float | FloatArray, shares: Shares
     """Return the lumped nodal masses [kg], shape [node_count].
 
     Args:
-        density_kg_m3: One number, or one for each tetrahedron.
         shares: ``WEIGHT``, by which some are negative, or ``INERTIA``.
     """
     volumes = tet_volumes(model.nodes, model.elements[:, :4])
@@ -96,11 +97,7 @@ def nodal_masses(model: Model, density_kg_m3: float | FloatArray, shares: Shares
 
 
 def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
-    """Return the weight of a pad of a sensor that looks up: it acts along -z.
-
-    Args:
-        density_kg_m3: One number, or one for each tetrahedron.
-    """
+    """Return the weight of a pad of a sensor that looks up: it acts along -z."""
     masses = nodal_masses(model, density_kg_m3, WEIGHT)
     return Potential(
         stiffness_n_m=np.zeros(len(masses)),
@@ -114,7 +111,6 @@ class Inertia:
     """What nodes with mass remember from time step to time step: where they were, and how fast.
 
     Args:
-        density_kg_m3: One number, or one for each tetrahedron.
         step_max_s: Longest time step.
 
     Attributes:
