@@ -1,7 +1,6 @@
 """Deterministic meshes: a graded half section revolved about the indenter and morphed to the pad.
 
-fTetWild gives another mesh every time it runs. These are the same on every machine, have nodes on
-the indenter's rim, are coarse where nothing happens in all three directions, and need no tool.
+They have nodes on the indenter's rim, and are coarse where nothing happens in all three directions.
 Neighbouring sectors are mirror images, so a centred press meets a mirror-symmetric mesh.
 
 Levels cut the half section (radius, height) into layers. Each is triangulated by itself: the nodes

@@ -144,30 +144,18 @@ class CarryPhase(Phase):
 
 @dataclass(slots=True)
 class Stepping:
-    """Steps one indenter through equilibria of one pad; a gel that relaxes or has mass remembers.
-
-    Args:
-        model: The pad.
-        indenter: The body.
-        centre_m: Where its tip comes down, x and y [m].
-        rotation: Indenter frame to pad frame from the start.
-        step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
-        potential: Further energy of the nodes besides inertia, such as weight.
-        inertia: Mass of the nodes, for a path in time.
-        reuse: What the solver keeps from step to step; None is what the size calls for.
-        keeps_all: Keep every equilibrium, not the last ones only.
-    """
+    """Steps one indenter through equilibria of a pad; a gel that relaxes or has mass remembers."""
 
     model: Model
     indenter: Indenter
-    centre_m: tuple[float, float] = (0.0, 0.0)
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    step_max_m: float = 0.0
+    centre_m: tuple[float, float] = (0.0, 0.0)  # where its tip comes down, x and y [m]
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))  # indenter to pad frame
+    step_max_m: float = 0.0  # largest advance [m]; 0 chooses an eightieth of the pad's height
     options: SolverOptions = field(default_factory=SolverOptions)
-    potential: Potential | None = None
-    inertia: Inertia | None = None
-    reuse: Reuse | None = None
-    keeps_all: bool = False
+    potential: Potential | None = None  # energy of the nodes besides inertia, such as weight
+    inertia: Inertia | None = None  # mass of the nodes, for a path in time
+    reuse: Reuse | None = None  # what the solver keeps between steps; None as the size calls for
+    keeps_all: bool = False  # keep every equilibrium, not the last ones only
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
