@@ -23,7 +23,6 @@ from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.simulated import Alternative
 from tacauchy_rig.core.time_limit_and_progress import doing, time_limit, told
@@ -210,13 +209,13 @@ def measure(
     error = error.beyond_rules(scene, depth_m=point.depth_m, gap=traction_gap, ratio_min=ratio_min)
     stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     return PressResult(
-        force_n=_vector(point.force_n),
-        moment_nm=_vector(contact.moment_nm),
+        force_n=tuple(point.force_n.tolist()),
+        moment_nm=tuple(contact.moment_nm.tolist()),
         depth_m=point.depth_m,
         contact_area_m2=contact.area_m2,
         contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
         max_pressure_pa=float(recovered.pressure_pa.max()),
-        base_reaction_n=_vector(reaction),
+        base_reaction_n=tuple(reaction.tolist()),
         force_balance_relative=balance / size if size > 0.0 else 0.0,
         surface_traction_gap_relative=traction_gap,
         algorithms_apart_relative=apart,
@@ -276,8 +275,3 @@ def stress_gaps(model: Model, point: PathPoint, recovered: SurfaceTraction) -> t
     apart, size = np.sum((own - contact) ** 2 * areas), max(np.sum(contact**2 * areas), 1e-300)
     gap = np.linalg.norm(missing) / np.linalg.norm(point.force_n)
     return float(gap), float(np.sqrt(apart / size))
-
-
-def _vector(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -4,6 +4,9 @@ A law's energy, the contact's and friction's all scale with Young's modulus: at 
 gel k times as stiff is deformed as the other one was. So one loading path of a reference gel gives
 depths, from these the gel's modulus, and the stiffer gel is pressed on from the states of that path
 with a step to each force.
+
+What presses raises ConvergenceError where a force cannot be reached, with how far it got, and
+TimeLimitError where one press takes longer than it may.
 """
 
 import time
@@ -94,9 +97,6 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
         scene: As ``replay_scene`` makes it.
         keep_states: Take the steps of a replay and keep all states. Else steps are as long as the
             force allows, without the limits for shear and markers.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
     """
     started, plan = (time.perf_counter(), time.process_time()), plan_effects(scene)
     if not keep_states:
@@ -179,10 +179,6 @@ def replay_forces(
 
     Returns:
         The replay, and the fields of each trial in the order of ``forces_n``.
-
-    Raises:
-        ConvergenceError: A force cannot be reached; the message names how far the press got.
-        TimeLimitError: A press takes longer than it may.
     """
     say = on_progress or (lambda _index, _text: None)
     started = time.perf_counter()
@@ -277,10 +273,6 @@ def replay_alone(
 
     The depth, or the force at a given depth, is corrected for that bias; fields and surface are the
     mesh's own. None where no bias is known that leaves the tolerance.
-
-    Raises:
-        ConvergenceError: It cannot be reached.
-        TimeLimitError: It takes longer than it may.
     """
     cheapest = corrected_scene(scene, tolerance)
     if cheapest is None:

@@ -1,4 +1,4 @@
-"""Presets: which element and mesh a scene gets."""
+"""Presets: which element and mesh a scene gets; with ``refinement`` edges so many times shorter."""
 
 from dataclasses import fields, replace
 
@@ -112,7 +112,6 @@ def build_model(
 
     Args:
         plan: Effects to include; None includes all that the scene has.
-        refinement: Make every edge this many times shorter than the scene does.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
@@ -152,11 +151,9 @@ def mesh_for(
     refinement: float = 1.0,
     resolution: Resolution | None = None,
 ) -> TetMesh:
-    """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
+    """Return the mesh of a scene's preset, of the kind that ``mesh_choice`` says.
 
-    Args:
-        refinement: Make every edge this many times shorter; preset paper has but one mesh.
-        resolution: Take these numbers for a revolved mesh instead of the preset's.
+    Preset paper has but one mesh. A revolved mesh takes a given resolution instead of the preset's.
     """
     shares = interface_shares(scene.layers)
     symmetry = mirrors(scene) if symmetric else MirrorSymmetry()
@@ -182,11 +179,7 @@ def finest_edge_m(scene: Scene) -> float:
 
 
 def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
-    """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge.
-
-    Args:
-        refinement: Every edge is this many times shorter.
-    """
+    """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge."""
     indenter = scene.indenter
     if scene.preset is Preset.PAPER:
         return indenter

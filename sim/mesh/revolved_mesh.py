@@ -250,11 +250,7 @@ def _revolve(
             near, far = far, near
         low = [np.where(on_axis[p], p, p + near * count) for p in (a, b, c)]
         high = [np.where(on_axis[p], p, p + far * count) for p in (a, b, c)]
-        tets += [
-            np.column_stack([low[0], low[1], low[2], high[2]]),
-            np.column_stack([low[0], low[1], high[1], high[2]]),
-            np.column_stack([low[0], high[0], high[1], high[2]]),
-        ]
+        tets += [np.column_stack([*low[: k + 1], *high[k:]]) for k in (2, 1, 0)]
     every = np.concatenate(tets)
     ordered = np.sort(every, axis=1)
     kept = np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)

@@ -30,11 +30,9 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 _STILL = np.zeros(3)
 # No stiffness [N/m], or no travel [m]: it keeps quotients finite.
 _NOTHING = 1e-30
+# Of the pad's height: the longest step, if nothing else is said. Twice as long is faster, but a
+# ball of 6 mm then caught a coarse gel's face at twice the energy.
 STEP_SHARE = 0.0125
-"""Of the pad's height: the longest step, if nothing else is said.
-
-Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
-"""
 # A push's steps are at least this share of its force, also where the gel hardly resists.
 _FORCE_STEP_MIN_SHARE = 1e-3
 # Of the longest step: a press that fails in shorter ones stops.

@@ -47,9 +47,7 @@ class Model:
         prony: PronySeries | None = None,
         device: str = "cpu",
     ) -> None:
-        self.mesh = mesh
-        self.law = law
-        self.device = device
+        self.mesh, self.law, self.device = mesh, law, device
         self.contact_options = contact_options or ContactOptions()
         pad = discretise(mesh, order=order)
         self.discretisation = pad
