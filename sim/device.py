@@ -125,11 +125,7 @@ def start_warp() -> None:
 
 
 def warp_device(name: str) -> str:
-    """Return a device's name if it is here.
-
-    Raises:
-        ConfigError: There is no such device.
-    """
+    """Return a device's name if it is here, else raise ConfigError."""
     start_warp()
     present = [device.alias for device in wp.get_devices()]
     if name not in present:
@@ -141,11 +137,7 @@ def warp_device(name: str) -> str:
 
 
 def gpus() -> list[str]:
-    """Return the names of all GPUs.
-
-    Raises:
-        ConfigError: There is none.
-    """
+    """Return the names of all GPUs; raise ConfigError if there is none."""
     start_warp()
     found = [device.alias for device in wp.get_devices() if device.is_cuda]
     return found or [warp_device("cuda:0")]

@@ -1,21 +1,11 @@
 """Presets: which element and mesh a scene gets; with ``refinement`` edges so many times shorter."""
 
 from dataclasses import fields, replace
+from functools import partial
 
 from sim.contact.surface_and_grip import ContactOptions
+from sim.effects import mesh_choice as meshes
 from sim.effects.depth_and_inertia_scales import expected_depth
-from sim.effects.mesh_choice import (
-    MeshKind,
-    Resolution,
-    contact_centre,
-    contact_reach,
-    footprint_mesh,
-    mesh_choice,
-    mesh_depth,
-    mirrors,
-    sharp_edge_m,
-    wild_sizing,
-)
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.material.elastic_body import element_constants
 from sim.material.laws.law_and_lame import law
@@ -36,14 +26,14 @@ _SLOPE_MAX = 0.75
 # Away from a fillet, growth and edges decide F_z, sectors and the rim's edges do not. Under a ball
 # the pressure is round to 3 % of its maximum and 2 % off Hertz (docs/explanation/meshes.md).
 RESOLUTIONS = {
-    Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
-    Preset.BALANCED: Resolution(
+    Preset.FAST: meshes.Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
+    Preset.BALANCED: meshes.Resolution(
         edge_share=0.02, smooth_share=0.09, growth=1.5, sector_count=24, size_max_m=1.5e-3
     ),
-    Preset.ACCURATE: Resolution(
+    Preset.ACCURATE: meshes.Resolution(
         edge_share=0.01, smooth_share=0.08, growth=1.4, sector_count=28, size_max_m=1.25e-3
     ),
-    Preset.REFERENCE: Resolution(
+    Preset.REFERENCE: meshes.Resolution(
         edge_share=0.01,
         smooth_share=0.07,
         growth=1.3,
@@ -82,7 +72,7 @@ _RIM_SHARE = 0.25
 _BLUNTED_SHARE = 0.05
 
 
-def light_resolution(refinement: float) -> Resolution:
+def light_resolution(refinement: float) -> meshes.Resolution:
     """Return a light scene's resolution with every edge of its section so many times shorter."""
     found = refined(LIGHT, refinement)
     count = LIGHT.sector_count * (refinement / _SECTOR_BASE) ** _SECTOR_GROWTH
@@ -90,14 +80,14 @@ def light_resolution(refinement: float) -> Resolution:
     return replace(found, sector_count=max(least, 4 * round(0.25 * count)))
 
 
-def refined(resolution: Resolution, factor: float) -> Resolution:
+def refined(resolution: meshes.Resolution, factor: float) -> meshes.Resolution:
     """Return a resolution with every edge ``factor`` times shorter, near the indenter and away."""
     if factor == 1.0:
         return resolution
     slope = min((resolution.growth - 1.0) / resolution.growth / factor, _SLOPE_MAX)
     lengths = {each.name: getattr(resolution, each.name) / factor for each in fields(resolution)}
     sectors = max(8, 4 * round(0.25 * resolution.sector_count * factor))
-    return Resolution(**{**lengths, "growth": 1.0 / (1.0 - slope), "sector_count": sectors})
+    return meshes.Resolution(**{**lengths, "growth": 1.0 / (1.0 - slope), "sector_count": sectors})
 
 
 def build_model(
@@ -149,23 +139,25 @@ def mesh_for(
     *,
     symmetric: bool = True,
     refinement: float = 1.0,
-    resolution: Resolution | None = None,
+    resolution: meshes.Resolution | None = None,
 ) -> TetMesh:
     """Return the mesh of a scene's preset, of the kind that ``mesh_choice`` says.
 
     Preset paper has but one mesh. A revolved mesh takes a given resolution instead of the preset's.
     """
     shares = interface_shares(scene.layers)
-    symmetry = mirrors(scene) if symmetric else MirrorSymmetry()
+    symmetry = meshes.mirrors(scene) if symmetric else MirrorSymmetry()
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene, shares)
-    if isinstance(scene.pad, SurfacePad) or mesh_choice(scene)[0] is MeshKind.FOOTPRINT:
-        return footprint_mesh(scene, symmetry=symmetry, refinement=refinement * scene.refinement)
+    kind, _ = meshes.mesh_choice(scene)
+    if isinstance(scene.pad, SurfacePad) or kind is meshes.MeshKind.FOOTPRINT:
+        finer = refinement * scene.refinement
+        return meshes.footprint_mesh(scene, symmetry=symmetry, refinement=finer)
     resolution = refined(_scene_resolution(scene, resolution), refinement)
     return revolved_mesh(
         scene.pad,
         _grading(scene, resolution),
-        centre_m=contact_centre(scene),
+        centre_m=meshes.contact_centre(scene),
         sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
@@ -184,8 +176,8 @@ def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
     if scene.preset is Preset.PAPER:
         return indenter
     if isinstance(indenter, MeshIndenter):
-        depth_m = mesh_depth(scene)
-        radius_m = _RIM_SHARE * min(sharp_edge_m(scene) / refinement, depth_m)
+        depth_m = meshes.mesh_depth(scene)
+        radius_m = _RIM_SHARE * min(meshes.sharp_edge_m(scene) / refinement, depth_m)
         rounded = indenter.with_edges(radius_m)
         blunt = rounded.blunted_m / (_BLUNTED_SHARE * depth_m)
         return rounded if blunt <= 1.0 else indenter.with_edges(radius_m / blunt)
@@ -195,7 +187,7 @@ def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
     return replace(indenter, fillet_m=_RIM_SHARE * min(edge_m, expected_depth(scene)))
 
 
-def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
+def _scene_resolution(scene: Scene, given: meshes.Resolution | None) -> meshes.Resolution:
     """Return a preset's resolution or the one that is given, refined as the scene has it."""
     if given is None and scene.is_light:
         found = light_resolution(scene.refinement)
@@ -207,7 +199,7 @@ def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
     return refined(given or _resolution(scene), scene.refinement)
 
 
-def _resolution(scene: Scene) -> Resolution:
+def _resolution(scene: Scene) -> meshes.Resolution:
     """Return a scene's resolution, finer where shear is asked for and points may slide."""
     if scene.is_light:
         return LIGHT
@@ -223,18 +215,16 @@ def _resolution(scene: Scene) -> Resolution:
 
 
 def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
-    pad, sizing = scene.pad, wild_sizing(scene, PAPER_SIZING)
+    pad, sizing = scene.pad, meshes.wild_sizing(scene, PAPER_SIZING)
     key = mesh_key(pad, sizing, *([shares] if shares else []))
-    mesh = stored_mesh(
-        "paper",
-        key,
-        lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
-    )
+    name = f"fTetWild, paper, {key}"
+    wild = partial(wild_mesh, pad, sizing, name=name, interface_shares=shares)
+    mesh = stored_mesh("paper", key, wild)
     refuse_flat(mesh, scene.tetwild.dihedral_min_rad or 0.0)
     return mesh
 
 
-def _grading(scene: Scene, resolution: Resolution) -> Grading:
+def _grading(scene: Scene, resolution: meshes.Resolution) -> Grading:
     indenter = scene.indenter
     if isinstance(indenter, Cylinder):
         size = resolution.edge_share * indenter.radius_m
@@ -243,7 +233,7 @@ def _grading(scene: Scene, resolution: Resolution) -> Grading:
             size = min(coarsest, resolution.fillet_share * indenter.fillet_m)
         start, end = indenter.radius_m - indenter.fillet_m, indenter.radius_m
     else:
-        start, end = 0.0, contact_reach(scene)
+        start, end = 0.0, meshes.contact_reach(scene)
         size = resolution.smooth_share * end
     return Grading(
         start_m=start,

@@ -59,13 +59,9 @@ class Footprint:
 def footprint(
     pad: Pad, indenter: TurnedIndenter, *, centre_m: tuple[float, float], depth_m: float
 ) -> Footprint:
-    """Return where an indenter touches a pad at a depth.
+    """Return where an indenter, its tip at ``centre_m`` in x and y, touches a pad at a depth.
 
     The pad is sampled twice: under all of the indenter, then in the contact's surroundings.
-
-    Args:
-        centre_m: Where the tip stands, x and y [m].
-        depth_m: Expected depth [m].
 
     Raises:
         ConfigError: The indenter stands beside the pad.

@@ -46,9 +46,8 @@ class MirrorSymmetry:
 
     def signs(self) -> Iterator[FloatArray]:
         """Yield the coordinate signs of each copy, the part itself first, shape [3]."""
-        for y, x in product(
-            (1.0, -1.0) if self.mirror_y else (1.0,), (1.0, -1.0) if self.mirror_x else (1.0,)
-        ):
+        both = (1.0, -1.0)
+        for y, x in product(both[: 1 + self.mirror_y], both[: 1 + self.mirror_x]):
             yield np.array([x, y, 1.0])
 
 

@@ -3,9 +3,6 @@
 It is advanced to a depth, pushed with a force, or carried along and about its axis while its depth
 or its force is held. Each of these is a phase with one parameter that grows. Weight, and a law with
 stress at rest, deform the pad before it is touched; depths count from first touch of that shape.
-
-``LoadingPath.push`` makes the depth an unknown of the solve. One loading path serves all the forces
-of a run, in ascending order.
 """
 
 from __future__ import annotations
@@ -216,7 +213,7 @@ class LoadingPath(Stepping):
     def push(
         self, force_n: float, *, start: PathPoint | None = None, duration_s: float | None = None
     ) -> PathPoint:
-        """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
+        """Press (or retract) until the indenter carries a force F_z [N]; its depth is an unknown.
 
         ``start``, ``duration_s`` and what is raised are as for ``advance``.
         """
