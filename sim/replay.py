@@ -114,9 +114,6 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
     return ReferencePath(scene=scene, plan=plan, path=path, history=history, took_s=took_s)
 
 
-Progress = Callable[[int, str], None]
-
-
 def replay_scene(
     sensor: Sensor,
     indenter: Indenter,
@@ -151,7 +148,7 @@ def replay_forces(
     forces_n: Sequence[float],
     *,
     tolerance: Tolerance | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Callable[[int, str], None] | None = None,
     name: str = "force-matched",
     reference: ReferencePath | None = None,
     stiffer: float = 1.0,

@@ -114,6 +114,8 @@ def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
     poisson = max(material.poisson for material in scene.materials)
     is_convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
     folds = not is_convex or depth_share > _SELF_CONTACT_DEPTH_SHARE
+    weight = estimates.weight_scale(scene)
+    rubs = scene.contact is ContactMode.FRICTION and scene.friction != 0.0
     # With each effect the reason why it is simulated, and the one why it is not.
     called_for = {
         Effect.INERTIA: (
@@ -121,16 +123,8 @@ def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
             f"the slowest period is {period_ms:.2g} ms, the press takes {scene.duration_s:g} s",
             "",
         ),
-        Effect.GRAVITY: (
-            True,
-            f"rho g H / E of the softest material is {estimates.weight_scale(scene):.2g}",
-            "",
-        ),
-        Effect.FRICTION: (
-            scene.contact is ContactMode.FRICTION and scene.friction != 0.0,
-            f"mu is {scene.friction:g}",
-            f"the contact is {scene.contact.value}",
-        ),
+        Effect.GRAVITY: (True, f"rho g H / E of the softest material is {weight:.2g}", ""),
+        Effect.FRICTION: (rubs, f"mu is {scene.friction:g}", f"the contact is {scene.contact}"),
         Effect.FINITE_STRAIN: (
             LawName.LINEAR not in {material.law for material in scene.materials},
             f"depth is {depth_share:.1%} of the pad's thickness",

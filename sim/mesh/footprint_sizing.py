@@ -37,8 +37,7 @@ class Footprint:
 
     # Sharp edge of the contact and creases within it [m], shape [edge_count, 3]; none under a ball
     edge: FloatArray
-    # Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape [rim_count,
-    # 3]
+    # Points on the sharp edge itself; ``edge`` has samples beside it [m], shape [rim_count, 3]
     rim: FloatArray
     inside: FloatArray  # points over the whole contact [m], shape [inside_count, 3]
     area_m2: float  # area of the contact seen from above [m^2]

@@ -394,7 +394,7 @@ class Stepping:
         intermediate: bool,
         before: PathPoint | None = None,
     ) -> PathPoint:
-        """Find the equilibrium, friction's lagged pressure included.
+        """Find the equilibrium, friction's lagged pressure included, or raise ConvergenceError.
 
         Args:
             state: Where to start from; it becomes the point's.
@@ -402,9 +402,6 @@ class Stepping:
             must_touch: An equilibrium in which nothing presses is none.
             intermediate: To 0.01 % or less will do.
             before: The point that was gone on from.
-
-        Raises:
-            ConvergenceError: There is none.
         """
         solver, model, options = self.solver, self.model, self.options
         wanted = options.residual_relative

@@ -60,13 +60,10 @@ def pull_of(potential: Potential | None, device: Device) -> Any:
     """Return it for the kernels."""
     if potential is None:
         return device.zeroed(Pull, (1,))
-    parts = {
-        "stiffness": potential.diagonal(),
-        "towards": potential.towards_m,
-        "force": potential.force_n,
-        "rest": potential.rest_m,
-    }
-    return device.tables(Pull, {name: each.reshape(-1) for name, each in parts.items()})
+    names = "stiffness", "towards", "force", "rest"
+    parts = potential.diagonal(), potential.towards_m, potential.force_n, potential.rest_m
+    tables = {name: part.reshape(-1) for name, part in zip(names, parts, strict=True)}
+    return device.tables(Pull, tables)
 
 
 # Of a tetrahedron's mass, node by node.
@@ -130,11 +127,7 @@ class Inertia:
         self._positions, self.velocities_m_s = positions.copy(), np.zeros_like(positions)
 
     def begin_step(self, step_s: float) -> None:
-        """Prepare a step from the last commit; it may be begun again.
-
-        Args:
-            step_s: Above 0 s, to inf, for ever.
-        """
+        """Prepare a step [s], above 0 to inf, from the last commit; it may be begun again."""
         self._step_s = step_s
 
     def flight(self, others: Potential | None) -> Potential | None:
