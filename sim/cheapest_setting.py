@@ -95,10 +95,7 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
 def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
     """Return a scene with the cheapest settings whose corrected result keeps a tolerance.
 
-    Where no bias is known, or none leaves so little, the raw force is to keep it.
-
-    Raises:
-        ConfigError: No settings keep it.
+    Where no bias is known, or none leaves so little, ``keeping`` chooses by the raw force.
     """
     return corrected_scene(scene, tolerance) or keeping(scene, tolerance)
 

@@ -43,18 +43,13 @@ _ONE_COARSE, _ONE_COARSE_FIELDS = 2.0, 4.0
 # plan doubles what it finds.
 _GRIPS = 1.0
 _FOLDS = "a sharp rim this deep has several equilibria, between which the least effect chooses"
-_KEPT = 256
 # A tolerance that is none; it keeps quotients finite.
 _NOTHING = 1e-30
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=256)
 def plan_effects(scene: Scene) -> EffectPlan:
-    """Decide which effects of a scene are simulated; the result is cached.
-
-    Raises:
-        ConfigError: The user switched an effect on or off that cannot be.
-    """
+    """Decide which effects of a scene are simulated, cached; errors are those of ``full_plan``."""
     plan = replace(full_plan(scene), tolerances=output_tolerances(scene))
     if estimates.has_several_equilibria(scene):
         for effect in (Effect.INERTIA, *_SAVES):

@@ -165,7 +165,6 @@ COARSE_RATIOS: dict[Preset, tuple[float, ...]] = {
     Preset.REFERENCE: (1.0 / 3.0, 0.5),
     Preset.PAPER: (),
 }
-_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,7 +205,7 @@ class CoarsePath:
         return CoarsePress(ratio=self._ratio, outputs=outputs, processor_s=spent)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=64)
 def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     started = time.process_time()
     coarse = replace(scene, refinement=ratio * scene.refinement)

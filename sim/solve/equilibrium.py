@@ -238,8 +238,7 @@ class EquilibriumSolver:
 
     def _run(self, state: State, grip_start: Grip | None) -> int:
         """Let the environment run, and give it what it asks for; say how it ended."""
-        descents = self._descents
-        counted = 0
+        descents, counted = self._descents, 0
         while True:
             check_time()
             descents.step()

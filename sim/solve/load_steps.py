@@ -221,8 +221,7 @@ class Stepping:
         """Go along a phase from a point, the last one or an earlier.
 
         Raises:
-            ConvergenceError: An increment failed even at the smallest step; the message names the
-                last depth that was reached, ``last`` holds it.
+            ConvergenceError: An increment failed even at the smallest step; ``last`` was reached.
             ConfigError: A gel that relaxes or has mass would have to go back.
         """
         started = time.perf_counter()
@@ -312,11 +311,9 @@ class Stepping:
             sink = -lift / max(resists, _NOTHING)
             motion = motion + sink * sunk
             velocity = velocity + sink * _DOWN
-        turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
-        state.rotation = turned
-        model = self.model
-        fraction = overlap_fraction(model, self.indenter, state, tip, advance * motion)
+        state.rotation = phase.turned(state.rotation, advance)
+        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
