@@ -62,7 +62,11 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     """
     fast = FAST.applied(replace(scene, tolerance=_UNDECIDED_TOLERANCE))
     try:
-        error, force = _error_on_fast(fast)
+        plan = plan_effects(fast)
+        own, coarse = coarse_press(fast, plan, 1.0), coarse_press(*coarse_reference(fast, plan))
+        worth = estimate_from(fast, plan, own.outputs, coarse)
+        if worth.force is None:  # nothing touches
+            raise ConfigError(worth.basis, remedy="press deeper")
     except TimeLimitError:
         raise
     except RigError as failure:
@@ -70,10 +74,11 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
             f"no preset is known to keep {tolerance} here: {failure.message}",
             remedy="choose a preset instead",
         ) from failure
+    error, force = worth.force, float(own.outputs.force_n[2])
     allowed = tolerance.of(force)
     believed = {
-        setting: max(worth.error_ratio * error, fold_error(scene))
-        for setting, worth in RELATIVE_COSTS.items()
+        setting: max(cost.error_ratio * error, fold_error(scene))
+        for setting, cost in RELATIVE_COSTS.items()
     }
     cheapest = _cheapest(scene, believed, allowed)
     if cheapest is not None:
@@ -90,10 +95,7 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
 def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
     """Return a scene with the cheapest settings whose corrected result keeps a tolerance.
 
-    Where no bias is known, or none leaves so little, the raw force is to keep it.
-
-    Raises:
-        ConfigError: No settings keep it.
+    Where no bias is known, or none leaves so little, ``keeping`` chooses by the raw force.
     """
     return corrected_scene(scene, tolerance) or keeping(scene, tolerance)
 
@@ -123,16 +125,6 @@ def _allowed(scene: Scene, tolerance: Tolerance) -> float:
             return 0.0
         force = float(found.outputs.force_n[2])
     return tolerance.of(force or 0.0)
-
-
-def _error_on_fast(fast: Scene) -> tuple[float, float]:
-    """Return the relative error of F_z on preset fast, and F_z [N]; refuse what does not touch."""
-    plan = plan_effects(fast)
-    own, coarse = coarse_press(fast, plan, 1.0), coarse_press(*coarse_reference(fast, plan))
-    worth = estimate_from(fast, plan, own.outputs, coarse)
-    if worth.force is None:
-        raise ConfigError(worth.basis, remedy="press deeper")
-    return worth.force, float(own.outputs.force_n[2])
 
 
 def costs_of(scene: Scene) -> dict[Setting, RelativeCost]:

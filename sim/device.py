@@ -37,12 +37,11 @@ class WarpLog:
 
     def info(self, message: str) -> None:
         """Tell of a module that was compiled; the rest is for debugging."""
-        found = _COMPILED.match(message)
-        if found is None:
+        if found := _COMPILED.match(message):
+            seconds = 1e-3 * float(found["ms"])
+            compiled.info("compiled %s", found["name"], extra={"compiled_s": seconds})
+        else:
             logger.debug("%s", message)
-            return
-        seconds = 1e-3 * float(found["ms"])
-        compiled.info("compiled %s", found["name"], extra={"compiled_s": seconds})
 
     def warning(self, message: str, category: object = None, stacklevel: int = 1) -> None:
         """Pass on a warning."""
@@ -126,11 +125,7 @@ def start_warp() -> None:
 
 
 def warp_device(name: str) -> str:
-    """Return a device's name if it is here.
-
-    Raises:
-        ConfigError: There is no such device.
-    """
+    """Return a device's name if it is here, else raise ConfigError."""
     start_warp()
     present = [device.alias for device in wp.get_devices()]
     if name not in present:
@@ -142,11 +137,7 @@ def warp_device(name: str) -> str:
 
 
 def gpus() -> list[str]:
-    """Return the names of all GPUs.
-
-    Raises:
-        ConfigError: There is none.
-    """
+    """Return the names of all GPUs; raise ConfigError if there is none."""
     start_warp()
     found = [device.alias for device in wp.get_devices() if device.is_cuda]
     return found or [warp_device("cuda:0")]
@@ -178,17 +169,16 @@ class Device:
 
     def tables(self, structure: Any, tables: Mapping[str, Any], **members: Any) -> Any:
         """Return a Warp structure with copies of tables as its arrays, and other members."""
-        kinds = {name: var.type for name, var in structure.vars.items()}
-        arrays = {name: self.array(values, kinds[name].dtype) for name, values in tables.items()}
+        kinds = structure.vars
+        arrays = {name: self.array(each, kinds[name].type.dtype) for name, each in tables.items()}
         return filled(structure, **arrays, **members)
 
     def zeroed(self, structure: Any, shape: tuple[int, ...], **others: tuple[int, ...]) -> Any:
         """Return a Warp structure whose arrays are zero, of one shape but for the named ones."""
-        kinds = {name: var.type for name, var in structure.vars.items()}
         arrays = {
-            name: self.zeros(others.get(name, shape), kind.dtype)
-            for name, kind in kinds.items()
-            if isinstance(kind, wp.array)
+            name: self.zeros(others.get(name, shape), var.type.dtype)
+            for name, var in structure.vars.items()
+            if isinstance(var.type, wp.array)
         }
         return filled(structure, **arrays)
 

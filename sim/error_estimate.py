@@ -1,15 +1,10 @@
-"""Estimated errors of a press.
+"""Estimated errors of a press: slope |d| + rest / refinement^2 + share d_hat / depth.
 
-Where an output changes by d when every edge becomes twice as long, and its error falls with the
-edge length to the power of two, a third of d is left (Richardson 1911; as an uncertainty with a
-factor of safety: Roache 1994, the grid convergence index). Meshes are not nested here, and with the
-edges the sectors change: the contact's edge cuts other elements. That and a wide barrier add a part
-that no extrapolation sees:
-
-    error = slope |d| + rest / refinement^2 + share x
-
-with three numbers for each output, fitted so that nine drawn presses in ten have a smaller error. x
-is d_hat over the depth, for the barrier. A rim cuts edges otherwise than a ball does.
+d is an output's change with edges twice as long (Richardson 1911; Roache 1994; see
+docs/explanation/accuracy.md). Meshes are not nested here, and with the edges the sectors change:
+the contact's edge cuts other elements, a rim otherwise than a ball. That and a wide barrier add the
+parts that no extrapolation sees. The three numbers for each output were fitted so that nine drawn
+presses in ten have a smaller error.
 
 Of shear, d is the change of its field with longer edges, face by face, over the root of the number
 of touched faces: the faces err independently, and the stated error is a norm over all. It is so

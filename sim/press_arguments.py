@@ -6,6 +6,7 @@ from typing import Any
 
 from sim.cheapest_setting import keeping_corrected
 from sim.effects.depth_and_inertia_scales import expected_force
+from sim.scene import scene_parsing as parsing
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import (
@@ -18,14 +19,6 @@ from sim.scene.scene import (
     Target,
     TetWildOptions,
     parse_tetwild_options,
-)
-from sim.scene.scene_parsing import (
-    parse_contact,
-    parse_indenter,
-    parse_layer,
-    parse_pad,
-    parse_pair,
-    parse_switch,
 )
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.tolerance import Tolerance, parse_tolerance
@@ -77,28 +70,28 @@ def scene_of(terms: SceneTerms) -> Scene:
         raise ConfigError(f"--law: {problem}", remedy="give one of them, or install its package")
     known = None if terms.sensor is None else load_sensor(terms.sensor)
     layers = _layers(known, terms)
-    contact, friction = parse_contact(terms.contact)
+    contact, friction = parsing.parse_contact(terms.contact)
     duration = _quantity(terms.duration, Dimension.TIME, "--duration")
-    pad = known.pad if known is not None else parse_pad(terms.pad or "")
+    pad = known.pad if known is not None else parsing.parse_pad(terms.pad or "")
     tetwild = known.tetwild if known is not None else TetWildOptions()
     tolerance, others = _tolerances(terms.tolerance)
     scene = Scene(
         pad=pad,
         material=layers[-1].material,
         layers=layers if interface_shares(layers) else (),
-        indenter=parse_indenter(terms.indenter),
+        indenter=parsing.parse_indenter(terms.indenter),
         target=_target(terms, pad),
-        centre_m=parse_pair(terms.at, Dimension.LENGTH, "--at"),
+        centre_m=parsing.parse_pair(terms.at, Dimension.LENGTH, "--at"),
         contact=contact,
         friction=friction,
         motion=Motion(
-            shift_m=parse_pair(terms.shift, Dimension.LENGTH, "--shift"),
+            shift_m=parsing.parse_pair(terms.shift, Dimension.LENGTH, "--shift"),
             twist_rad=_quantity(terms.twist, Dimension.ANGLE, "--twist") or 0.0,
-            tilt_rad=parse_pair(terms.tilt, Dimension.ANGLE, "--tilt"),
+            tilt_rad=parsing.parse_pair(terms.tilt, Dimension.ANGLE, "--tilt"),
         ),
         duration_s=1.0 if duration is None else duration,
         outputs=frozenset(terms.output),
-        effects=tuple(parse_switch(text) for text in terms.effect or ()),
+        effects=tuple(parsing.parse_switch(text) for text in terms.effect or ()),
         drive=terms.drive,
         preset=terms.preset or Preset.BALANCED,
         tetwild=tetwild if terms.mesh is None else parse_tetwild_options(terms.mesh),
@@ -158,7 +151,7 @@ def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
             remedy="give every layer with --layer share=,young=,poisson=, from the base upwards",
         )
     if terms.layer:
-        return tuple(parse_layer(text, law=terms.law) for text in terms.layer)
+        return tuple(parsing.parse_layer(text, law=terms.law) for text in terms.layer)
     if known:
         return tuple(replace(k, material=replace(k.material, law=terms.law)) for k in known)
     whole = None if sensor is None else sensor.material

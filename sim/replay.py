@@ -4,12 +4,16 @@ A law's energy, the contact's and friction's all scale with Young's modulus: at 
 gel k times as stiff is deformed as the other one was. So one loading path of a reference gel gives
 depths, from these the gel's modulus, and the stiffer gel is pressed on from the states of that path
 with a step to each force.
+
+What presses raises ConvergenceError where a force cannot be reached, with how far it got, and
+TimeLimitError where one press takes longer than it may.
 """
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from sim.cheapest_setting import alternatives, corrected_scene, setting_of
 from sim.effects.effect_choice import plan_effects
@@ -22,7 +26,7 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh_bias_correction import correction
 from sim.press import PressResult, measure
 from sim.scene.indenter import Indenter, describe
-from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force
 from sim.solve.loading_path import LoadingPath
@@ -93,9 +97,6 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
         scene: As ``replay_scene`` makes it.
         keep_states: Take the steps of a replay and keep all states. Else steps are as long as the
             force allows, without the limits for shear and markers.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
     """
     started, plan = (time.perf_counter(), time.process_time()), plan_effects(scene)
     if not keep_states:
@@ -113,43 +114,32 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
     return ReferencePath(scene=scene, plan=plan, path=path, history=history, took_s=took_s)
 
 
-Progress = Callable[[int, str], None]
-
-
 def replay_scene(
     sensor: Sensor,
     indenter: Indenter,
     forces_n: Sequence[float],
     *,
-    preset: Preset = Preset.BALANCED,
     tolerance_n: float = 0.08,
-    drive: Drive = Drive.LOAD,
     friction: float = 0.0,
     tilt_rad: tuple[float, float] = (0.0, 0.0),
-    centre_m: tuple[float, float] = (0.0, 0.0),
-    duration_s: float = 1.0,
+    **further: Any,
 ) -> Scene:
-    """Return the press to the largest of some forces.
+    """Return the press to the largest of some forces, with further fields of a scene.
 
     Args:
         forces_n: Pressing forces [N].
         tolerance_n: Largest |F_z simulated - measured| [N].
         tilt_rad: Rotations of the indenter about x and y [rad].
-        centre_m: Where its tip comes down [m].
-        duration_s: Time from touch to dwell [s], for a gel that relaxes.
     """
     return sensor.scene(
         indenter,
         Target(force_n=max([0.0, *forces_n])),
-        drive=drive,
-        preset=preset,
         force_tolerance_n=tolerance_n,
         contact=ContactMode.FRICTION if friction else ContactMode.FRICTIONLESS,
         friction=friction,
         motion=Motion(tilt_rad=tilt_rad),
-        centre_m=centre_m,
-        duration_s=duration_s,
         outputs=frozenset(Output),
+        **further,
     )
 
 
@@ -158,7 +148,7 @@ def replay_forces(
     forces_n: Sequence[float],
     *,
     tolerance: Tolerance | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Callable[[int, str], None] | None = None,
     name: str = "force-matched",
     reference: ReferencePath | None = None,
     stiffer: float = 1.0,
@@ -186,10 +176,6 @@ def replay_forces(
 
     Returns:
         The replay, and the fields of each trial in the order of ``forces_n``.
-
-    Raises:
-        ConvergenceError: A force cannot be reached; the message names how far the press got.
-        TimeLimitError: A press takes longer than it may.
     """
     say = on_progress or (lambda _index, _text: None)
     started = time.perf_counter()
@@ -206,7 +192,7 @@ def replay_forces(
     touch = 0.0
     if depths_from_n and depths_from_n > NO_FORCE_N:
         touch = path.push(depths_from_n).depth_m
-    errors, last_n = _StatedErrors(scene, plan), 0.0
+    evaluation, last_n = _Evaluation(scene, plan), 0.0
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
@@ -224,7 +210,7 @@ def replay_forces(
             else:
                 match = reference.continue_to(path, force_n, stiffer=stiffer, above_n=last_n)
             solve_s, last_n = time.perf_counter() - solving, force_n
-            done, fields = _trial(scene, plan, path, errors, (position, force_n), match, solve_s)
+            done, fields = evaluation.trial(path, position + 1, force_n, match, solve_s)
             if depths_from_n is not None:
                 done = replace(done, depth_simulated_m=done.depth_simulated_m - touch)
         states = (*passed.before(done.force_simulated_n), intermediate_state(path, match.point))
@@ -237,16 +223,27 @@ def replay_forces(
     return replay, [fields for _, fields in ordered]
 
 
-class _StatedErrors:
-    """Errors of the points of a path, estimated from the same path on longer edges."""
+class _Evaluation:
+    """What is kept of points of a path, with errors estimated from the path on longer edges."""
 
     def __init__(self, scene: Scene, plan: EffectPlan) -> None:
         self._scene, self._plan = scene, plan
         self._coarser: CoarsePath | None = None
         self._failure: RigError | None = None
 
-    def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
-        """Push the other path with a point's force; forces do not fall from call to call."""
+    def trial(
+        self, path: LoadingPath, index: int, force_n: float, match: ForceMatch, solve_s: float
+    ) -> tuple[ReplayTrial, TrialFields]:
+        """Evaluate the press for a measured force [N]; forces do not fall from call to call."""
+        wall, started = {"solve_s": solve_s}, time.perf_counter()
+        fields = trial_fields(path, match.point)
+        wall["fields_s"], started = time.perf_counter() - started, time.perf_counter()
+        error = self._error(path, match.point)
+        wall["estimate_s"] = time.perf_counter() - started
+        result = measure(self._scene, path, match.point, plan=self._plan, wall_s=wall, error=error)
+        return _record(index, force_n, match, result), fields
+
+    def _error(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
         force_n, found = float(point.force_n[2]), outputs_of(path, point)
         if self._plan.is_on(Effect.VISCOELASTICITY):
             alone = replace(self._scene, target=Target(force_n=force_n))
@@ -273,10 +270,6 @@ def replay_alone(
 
     The depth, or the force at a given depth, is corrected for that bias; fields and surface are the
     mesh's own. None where no bias is known that leaves the tolerance.
-
-    Raises:
-        ConvergenceError: It cannot be reached.
-        TimeLimitError: It takes longer than it may.
     """
     cheapest = corrected_scene(scene, tolerance)
     if cheapest is None:
@@ -323,26 +316,6 @@ def _met(scene: Scene, plan: EffectPlan, path: LoadingPath, force_n: float) -> F
     if scene.drive is Drive.LOAD:
         return ForceMatch.of(path, partial(path.push, force_n))
     return find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
-
-
-def _trial(
-    scene: Scene,
-    plan: EffectPlan,
-    path: LoadingPath,
-    errors: _StatedErrors,
-    asked: tuple[int, float],
-    match: ForceMatch,
-    solve_s: float,
-) -> tuple[ReplayTrial, TrialFields]:
-    position, force_n = asked
-    solved = time.perf_counter()
-    fields = trial_fields(path, match.point)
-    wall = {"solve_s": solve_s, "fields_s": time.perf_counter() - solved}
-    estimated = time.perf_counter()
-    error = errors.of(path, match.point)
-    wall["estimate_s"] = time.perf_counter() - estimated
-    result = measure(scene, path, match.point, plan=plan, wall_s=wall, error=error)
-    return _record(position + 1, force_n, match, result), fields
 
 
 def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) -> ReplayTrial:

@@ -2,6 +2,8 @@
 
 A tilt towards x is positive where the axis, from the tip upwards, points towards +x: a rotation by
 the same angle about +y. One towards y is a rotation by minus that angle about x.
+
+All that presses raises RigError where the scene cannot be meshed or solved.
 """
 
 import hashlib
@@ -51,9 +53,6 @@ def forces_at(
         contact_force_n: Force from which depths count [N]; 0 is first touch.
         refinement: Coarsely, every edge this many times shorter than preset fast's; None presses
             on the scene's own mesh.
-
-    Raises:
-        RigError: It cannot be meshed or solved.
     """
     if refinement is not None:
         scene = replace(
@@ -131,11 +130,7 @@ def can_tilt(indenter: Indenter) -> bool:
 def press_tilted(
     scene: Scene, forces_n: Sequence[float], tilt_rad: float, *, refinement: float = COARSE
 ) -> TiltedPress:
-    """Press coarsely with an indenter that is tilted towards x [rad], to rising forces [N].
-
-    Raises:
-        RigError: It cannot be meshed or solved.
-    """
+    """Press coarsely with an indenter that is tilted towards x [rad], to rising forces [N]."""
     plan = plan_effects(scene)
     negligible = {effect: False for effect in _IN_TIME if not plan.is_on(effect)}
     tilted = replace(
@@ -160,11 +155,7 @@ def press_tilted(
 def restoring_moments(
     scene: Scene, forces_n: Sequence[float], tilt_rad: float
 ) -> tuple[FloatArray, TiltedPress]:
-    """Return the moment against a tilt of one radian at rising forces [N m], and one press for it.
-
-    Raises:
-        RigError: It cannot be meshed or solved.
-    """
+    """Return moments against a tilt of one radian at rising forces [N m], and a press for it."""
     force_only = replace(scene, outputs=frozenset({Output.FORCE}))
     pressed = press_tilted(force_only, forces_n, tilt_rad, refinement=_MOMENT_REFINEMENT)
     return pressed.moments_nm / tilt_rad, pressed
@@ -175,9 +166,6 @@ def tilt_costs(scene: Scene, force_n: float, tilt_rad: float) -> dict[Output, fl
 
     Two presses tilted to either side have one mesh; their difference is twice that of each from
     an upright one.
-
-    Raises:
-        RigError: It cannot be meshed or solved.
     """
     there, back = (press_tilted(scene, [force_n], sign * tilt_rad) for sign in (1.0, -1.0))
     apart = there.outputs.differences(back.outputs)

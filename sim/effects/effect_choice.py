@@ -1,13 +1,9 @@
 """Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
 
-An effect is left out where that is shown to change no output that is asked for by more than its
-tolerance, all that is left out taken together. It is shown by trying: the scene is pressed coarsely
-with the effect and without. What is off is not compiled, not launched and not allocated.
-
-Trying costs time too. An effect is tried only where leaving it out would save more than that; else
-it is on. Weight and inertia have scales that bound them, each within a range; outside it, weight is
-tried like the others, and inertia, which a press in time alone could tell, is on. Where a press has
-several equilibria, nothing is left out: what is small chooses between them.
+docs/explanation/effects.md says how. What is off is not compiled, not launched and not allocated.
+Outside the range of the scales that bound them weight is tried like the others, and inertia, which
+a press in time alone could tell, is on. Where a press has several equilibria, nothing is left out:
+what is small chooses between them.
 """
 
 from dataclasses import replace
@@ -47,18 +43,13 @@ _ONE_COARSE, _ONE_COARSE_FIELDS = 2.0, 4.0
 # plan doubles what it finds.
 _GRIPS = 1.0
 _FOLDS = "a sharp rim this deep has several equilibria, between which the least effect chooses"
-_KEPT = 256
 # A tolerance that is none; it keeps quotients finite.
 _NOTHING = 1e-30
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=256)
 def plan_effects(scene: Scene) -> EffectPlan:
-    """Decide which effects of a scene are simulated; the result is cached.
-
-    Raises:
-        ConfigError: The user switched an effect on or off that cannot be.
-    """
+    """Decide which effects of a scene are simulated, cached; errors are those of ``full_plan``."""
     plan = replace(full_plan(scene), tolerances=output_tolerances(scene))
     if estimates.has_several_equilibria(scene):
         for effect in (Effect.INERTIA, *_SAVES):

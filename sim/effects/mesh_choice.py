@@ -1,9 +1,7 @@
 """Which kind of mesh a scene gets, and the meshes that are fine around a footprint.
 
-Revolved meshes are better where they serve: the same on every machine, nodes on the rim, few
-tetrahedra. They need an indenter that is round seen from above and stands upright, its edge on the
-pad all around, and a pad with a known outline. Everything else gets a mesh of its own by fTetWild,
-fine where the indenter's footprint has its edge.
+Revolved meshes serve a pad with a known outline under an indenter that is round seen from above and
+stands upright, its edge on the pad all around (docs/explanation/meshes.md).
 """
 
 import math
@@ -23,6 +21,7 @@ from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, TurnedI
 from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Motion, Preset, Scene
+from sim.scene.triangle_surface import is_mirrored
 from tacauchy_rig.core.errors import ConfigError
 
 # Of the expected depth: how much higher the far side of a tilted indenter may be. A plate's edge
@@ -60,6 +59,23 @@ def mesh_choice(scene: Scene) -> tuple[MeshKind, str]:
 def has_brick(scene: Scene) -> bool:
     """Return whether a footprint mesh begins with a regular one, not with fTetWild's."""
     return isinstance(scene.pad, BoxPad) and not scene.layers
+
+
+def mirrors(scene: Scene) -> MirrorSymmetry:
+    """Return which middle planes of the pad mirror pad, indenter and motion."""
+    (kind, _), motion, indenter = mesh_choice(scene), scene.motion, scene.indenter
+    is_wild = kind is MeshKind.FOOTPRINT and not has_brick(scene)
+    if kind is MeshKind.PAPER or is_wild or motion.twist_rad:
+        return MirrorSymmetry()
+    about_x, about_y = motion.tilt_rad
+    x, y = (
+        not any(along)
+        and (not isinstance(indenter, MeshIndenter) or is_mirrored(indenter.surface, axis))
+        for axis, along in enumerate(
+            zip(scene.centre_m, motion.shift_m, (about_y, about_x), strict=True)
+        )
+    )
+    return MirrorSymmetry(mirror_x=x, mirror_y=y)
 
 
 def contact_reach(scene: Scene) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sim.effects import depth_and_inertia_scales as estimates
-from sim.effects.symmetry_planes import mirrors
+from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -63,16 +63,10 @@ class EffectPlan:
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the rows for ``--json``."""
+        names = ("on", "reason", "estimated_error", "costs", "asked")
         return [
-            {
-                "name": row.effect.value,
-                "on": row.on,
-                "reason": row.reason,
-                "estimated_error": row.estimated_error,
-                "costs": row.costs,
-                "asked": row.asked,
-            }
-            for row in self.rows.values()
+            {"name": effect.value, **{name: getattr(row, name) for name in names}}
+            for effect, row in self.rows.items()
         ]
 
 
@@ -120,6 +114,8 @@ def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
     poisson = max(material.poisson for material in scene.materials)
     is_convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
     folds = not is_convex or depth_share > _SELF_CONTACT_DEPTH_SHARE
+    weight = estimates.weight_scale(scene)
+    rubs = scene.contact is ContactMode.FRICTION and scene.friction != 0.0
     # With each effect the reason why it is simulated, and the one why it is not.
     called_for = {
         Effect.INERTIA: (
@@ -127,16 +123,8 @@ def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
             f"the slowest period is {period_ms:.2g} ms, the press takes {scene.duration_s:g} s",
             "",
         ),
-        Effect.GRAVITY: (
-            True,
-            f"rho g H / E of the softest material is {estimates.weight_scale(scene):.2g}",
-            "",
-        ),
-        Effect.FRICTION: (
-            scene.contact is ContactMode.FRICTION and scene.friction != 0.0,
-            f"mu is {scene.friction:g}",
-            f"the contact is {scene.contact.value}",
-        ),
+        Effect.GRAVITY: (True, f"rho g H / E of the softest material is {weight:.2g}", ""),
+        Effect.FRICTION: (rubs, f"mu is {scene.friction:g}", f"the contact is {scene.contact}"),
         Effect.FINITE_STRAIN: (
             LawName.LINEAR not in {material.law for material in scene.materials},
             f"depth is {depth_share:.1%} of the pad's thickness",

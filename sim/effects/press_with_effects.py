@@ -1,9 +1,11 @@
 """The path of a scene's indenter with the effects of a plan, and the end of a press.
 
-A path goes on the scene's own mesh or on a coarser one. Load steps need a mesh only for their path;
-what a press is asked for is its end. The indenter goes its way on longer edges, and the end state
-is found on the scene's own mesh by one descent, from the other mesh's displacements and, with
-friction, from where its points hold on (nested iteration).
+A path goes on the scene's own mesh, or on longer edges: the end state is then found on the scene's
+own mesh by one descent, from the other mesh's displacements and, with friction, from where its
+points hold on (nested iteration).
+
+All that presses raises ConvergenceError where there is no equilibrium or a force cannot be reached,
+and ConfigError where a scene cannot be built or its gel has no room for the depth.
 """
 
 import time
@@ -16,9 +18,8 @@ import scipy
 
 from sim.contact.surface_and_grip import Grip, State
 from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
-from sim.effects.minimum_rim_radius import regularised_indenter
 from sim.effects.planned_effects import EffectPlan, full_plan
-from sim.effects.presets import build_model
+from sim.effects.presets import build_model, regularised_indenter
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.mesh.elements import EDGES
 from sim.scene.indenter import MeshIndenter, tilted
@@ -134,10 +135,6 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
 
     Returns:
         The end; its stiffness is that of the way down, as what slides under a load sinks anyhow.
-
-    Raises:
-        ConvergenceError: No equilibrium, or the force cannot be reached.
-        ConfigError: The depth is more than the gel has room for.
     """
     depth, force = scene.target.depth_m, scene.target.force_n
     if depth is not None:
@@ -168,7 +165,6 @@ COARSE_RATIOS: dict[Preset, tuple[float, ...]] = {
     Preset.REFERENCE: (1.0 / 3.0, 0.5),
     Preset.PAPER: (),
 }
-_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,11 +177,7 @@ class CoarsePress:
 
 
 def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
-    """Press a scene with a plan's effects on longer edges, at most as short as its way's.
-
-    Raises:
-        RigError: It cannot be meshed or solved there.
-    """
+    """Press a scene with a plan's effects on longer edges, at most as short as its way's."""
     # Without what does not change a press on given edges, so that more scenes share it.
     bare = replace(scene, effects=plan.switches, tolerance=None, outputs=frozenset(), sensor="")
     if scene.path_refinement is not None:
@@ -213,7 +205,7 @@ class CoarsePath:
         return CoarsePress(ratio=self._ratio, outputs=outputs, processor_s=spent)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=64)
 def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     started = time.process_time()
     coarse = replace(scene, refinement=ratio * scene.refinement)
@@ -284,10 +276,6 @@ def end_state(
         model: Of the scene's own mesh; None makes it.
         options: How closely forces are to balance; None is the scene's choice.
         keeps_all: Keep every equilibrium on the way.
-
-    Raises:
-        ConvergenceError: No equilibrium, or the force cannot be reached.
-        ConfigError: The scene cannot be built.
     """
     path = path_for(scene, plan, model=model, device=device, keeps_all=keeps_all)
     path.options = options or path.options
@@ -308,11 +296,7 @@ def end_state(
 
 
 def on_own_mesh(scene: Scene, plan: EffectPlan, end: EndState, *, keeps_all: bool) -> EndState:
-    """Take a scene's indenter to its end again, as roughly as on the way, on the end's own mesh.
-
-    Raises:
-        ConvergenceError: No equilibrium, or the force cannot be reached.
-    """
+    """Take a scene's indenter to its end again, as roughly as on the way, on the end's own mesh."""
     own = way_of(replace(scene, path_refinement=None))
     path = path_for(own, plan, model=end.path.model, keeps_all=keeps_all)
     return EndState(path=path, point=follow(own, path), way=end.way)
@@ -321,11 +305,7 @@ def on_own_mesh(scene: Scene, plan: EffectPlan, end: EndState, *, keeps_all: boo
 def carried_over(
     scene: Scene, coarse: LoadingPath, last: PathPoint, path: LoadingPath
 ) -> PathPoint:
-    """Settle a path's last point on another mesh, at the same depth or at the scene's force.
-
-    Raises:
-        ConvergenceError: There is no equilibrium near it.
-    """
+    """Settle a path's last point on another mesh, at the same depth or at the scene's force."""
     state = path.untouched(last.depth_m)
     state.tip[:2], state.rotation = last.state.tip[:2], last.state.rotation.copy()
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)

@@ -8,13 +8,7 @@ import numpy as np
 import warp as wp
 
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
-from sim.material.elasticity_kernels import (
-    GelArrays,
-    element_kernel,
-    hessian,
-    stress_kernel,
-    tangent_kernel,
-)
+from sim.material import elasticity_kernels as kernels
 from sim.material.laws.law_and_lame import Law, Tangent, lame
 from sim.material.relaxation import PronySeries, Relaxation
 from sim.mesh.cached_tet_mesh import TetMesh
@@ -69,7 +63,7 @@ class ElasticBody:
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
         self._arrays = filled(
-            GelArrays,
+            kernels.GelArrays,
             nodes=device.array(pad.elements, wp.int32),
             reference_gradients=device.array(pad.reference.gradients, wp.vec3d),
             inverse_jacobians=device.array(pad.inverse_jacobians, wp.mat33d),
@@ -107,7 +101,7 @@ class ElasticBody:
             for key, constants in {id(each): each for each in materials}.items()
         }
         parameters = self._device.array([found[id(each)] for each in materials], wp.vec4d)
-        return replaced(GelArrays, self._arrays, parameters=parameters)
+        return replaced(kernels.GelArrays, self._arrays, parameters=parameters)
 
     def buffers(self, count: int) -> tuple[Any, Any, Any]:
         """Return buffers for environments' gradients [N], energies [J] and volume ratios."""
@@ -125,7 +119,7 @@ class ElasticBody:
             positions: Nodes [m], on the device, shape [environment_count, node_count].
             gel: What ``of`` gave; None is this one.
         """
-        kernel = element_kernel(self._law, self._reference.order, remembers=self._remembers)
+        kernel = kernels.element_kernel(self._law, self._reference.order, remembers=self._remembers)
         shape = (positions.shape[0], self._shape[0])
         inputs = [gel or self._arrays, wanted, positions]
         return self._device.record(kernel, shape, [*inputs, *buffers])
@@ -138,10 +132,11 @@ class ElasticBody:
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         inputs = [self._arrays, self._device.array(positions, wp.vec3d), projected]
-        kernel = tangent_kernel(self._law, remembers=self._remembers)
+        kernel = kernels.tangent_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, self._shape, inputs, self._tangents)
         shape = (self._shape[0], self._reference.node_count)
-        self._device.launch(hessian, shape, [self._arrays, self._slots, *self._tangents], [values])
+        inputs = [self._arrays, self._slots, *self._tangents]
+        self._device.launch(kernels.hessian, shape, inputs, [values])
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
@@ -161,7 +156,7 @@ class ElasticBody:
             stress: Shape [environment_count, element_count, point_count].
             gel: What ``of`` gave; None is this one.
         """
-        kernel = stress_kernel(self._law, remembers=self._remembers)
+        kernel = kernels.stress_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, stress.shape, [gel or self._arrays, positions], [stress])
 
     def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
@@ -176,14 +171,15 @@ class ElasticBody:
         columns = np.swapaxes(deformations, 1, 2).reshape(1, -1, 3)
         out = self._device.empty((1, count, 1), wp.mat33d)
         made_up = filled(
-            GelArrays,
+            kernels.GelArrays,
             nodes=self._device.array(corners, wp.int32),
             reference_gradients=self._device.array(np.eye(3)[None], wp.vec3d),
             inverse_jacobians=self._device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
             parameters=self._device.array(on_host(self._arrays.parameters)[:, elements], wp.vec4d),
         )
+        kernel = kernels.stress_kernel(self._law, remembers=False)
         inputs = [made_up, self._device.array(columns, wp.vec3d)]
-        self._device.launch(stress_kernel(self._law, remembers=False), out.shape, inputs, [out])
+        self._device.launch(kernel, out.shape, inputs, [out])
         return on_host(out)[0, :, 0]
 
     @cached_property

@@ -30,15 +30,10 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 class PronySeries(NamedTuple):
-    """Stiffness E (1 + sum of ratios) at once, E after a long time.
+    """Stiffness E (1 + sum of ratios) at once, E after a long time."""
 
-    Attributes:
-        times_s: Time constants, shape [term_count].
-        ratios: Stiffness that goes over E, shape [term_count, element_count].
-    """
-
-    times_s: FloatArray
-    ratios: FloatArray
+    times_s: FloatArray  # time constants [s], shape [term_count]
+    ratios: FloatArray  # stiffness that goes, over E, shape [term_count, element_count]
 
 
 def prony_series(

@@ -187,11 +187,7 @@ def _halved(
     edge = longest[split]
     parents = mesh.tets[split]
     middle = number[edge][:, None].astype(np.int32)
-    first, second = ends[edge, :1], ends[edge, 1:]
-    children = [
-        np.where(parents == first, middle, parents),
-        np.where(parents == second, middle, parents),
-    ]
+    children = [np.where(parents == end[:, None], middle, parents) for end in ends[edge].T]
     layers = mesh.layers
     if layers is not None:
         layers = np.concatenate([layers[~split], layers[split], layers[split]])

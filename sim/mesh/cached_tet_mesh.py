@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from io import BytesIO
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +77,7 @@ def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
 def smallest_dihedral_deg(mesh: TetMesh) -> float:
     """Return the smallest angle between two faces of a tetrahedron [deg]."""
     normals = [unit(doubled_areas(mesh.vertices, mesh.tets[:, list(face)])) for face in FACES]
-    cosines = [
-        -np.einsum("ij,ij->i", normals[i], normals[j]) for i in range(4) for j in range(i + 1, 4)
-    ]
+    cosines = [-np.einsum("ij,ij->i", one, other) for one, other in combinations(normals, 2)]
     return float(np.degrees(np.arccos(np.clip(np.max(cosines), -1.0, 1.0))))
 
 

@@ -12,15 +12,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from sim.mesh import elements as tetrahedra
 from sim.mesh.cached_tet_mesh import TetMesh
-from sim.mesh.elements import (
-    ElementOrder,
-    ReferenceElement,
-    boundary_faces,
-    doubled_areas,
-    quadratic_nodes,
-    reference_element,
-)
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -46,11 +39,6 @@ class SparsePattern:
     def dof_count(self) -> int:
         """Scalar unknowns."""
         return len(self.free_dofs)
-
-    @property
-    def block_count(self) -> int:
-        """Blocks that the kernels fill."""
-        return len(self.block_keys)
 
     def slots(self, elements: IntArray) -> IntArray:
         """Return 2 * block index + transposed for each node pair, shape [n, k, k]; -1 for none."""
@@ -126,7 +114,7 @@ def _keys(rows: AnyIntArray, columns: AnyIntArray, stride: int) -> NDArray[np.in
 class Discretisation:
     """What of a pad is fixed by its mesh and element type."""
 
-    reference: ReferenceElement
+    reference: tetrahedra.ReferenceElement
     nodes: FloatArray  # at rest [m], shape [node_count, 3]
     elements: IntArray  # nodes of every tetrahedron, its corners first
     # Nodes of every face that may be touched, its corners first: those on the surface, neither
@@ -135,18 +123,14 @@ class Discretisation:
     face_parents: IntArray
     clamped: NDArray[np.bool_]  # nodes on the base, shape [node_count]
     pattern: SparsePattern
-    jacobians: FloatArray  # of the tetrahedra at rest [m], shape [element_count, 3, 3]
+    inverse_jacobians: FloatArray  # of the tetrahedra at rest [1/m], shape [element_count, 3, 3]
     volumes: FloatArray  # of the tetrahedra at rest [m^3]
-
-    @property
-    def inverse_jacobians(self) -> FloatArray:
-        """Inverses of ``jacobians`` [1/m]."""
-        return np.asarray(np.linalg.inv(self.jacobians), dtype=np.float64)
 
     @property
     def face_areas(self) -> FloatArray:
         """Areas of the faces at rest [m^2], as if they were flat."""
-        return np.asarray(0.5 * np.linalg.norm(doubled_areas(self.nodes, self.faces), axis=1))
+        doubled = tetrahedra.doubled_areas(self.nodes, self.faces)
+        return np.asarray(0.5 * np.linalg.norm(doubled, axis=1))
 
     @property
     def touched_element(self) -> int:
@@ -155,17 +139,17 @@ class Discretisation:
         return int(self.face_parents[np.argmax(heights)])
 
 
-def discretise(mesh: TetMesh, *, order: ElementOrder) -> Discretisation:
+def discretise(mesh: TetMesh, *, order: tetrahedra.ElementOrder) -> Discretisation:
     """Clamp a mesh at its base and give it an element type.
 
     Raises:
         ConfigError: A tetrahedron has no positive volume.
     """
-    if order is ElementOrder.P2:
-        nodes, elements = quadratic_nodes(mesh.vertices, mesh.tets)
+    if order is tetrahedra.ElementOrder.P2:
+        nodes, elements = tetrahedra.quadratic_nodes(mesh.vertices, mesh.tets)
     else:
         nodes, elements = mesh.vertices, mesh.tets
-    faces, parents = boundary_faces(elements)
+    faces, parents = tetrahedra.boundary_faces(elements)
     clamped = nodes[:, 2] <= _ON_BASE * mesh.vertices[:, 2].max()
     held = mesh.symmetry.on_plane(nodes, float(np.abs(mesh.vertices).max()))
     outer = ~clamped[faces[:, :3]].all(axis=1)
@@ -179,13 +163,13 @@ def discretise(mesh: TetMesh, *, order: ElementOrder) -> Discretisation:
             remedy="orient the tetrahedra or mesh the pad again",
         )
     return Discretisation(
-        reference=reference_element(order),
+        reference=tetrahedra.reference_element(order),
         nodes=nodes,
         elements=elements,
         faces=faces[outer],
         face_parents=parents[outer],
         clamped=clamped,
         pattern=sparse_pattern(elements, held | clamped[:, None]),
-        jacobians=jacobians,
+        inverse_jacobians=np.asarray(np.linalg.inv(jacobians), dtype=np.float64),
         volumes=volumes,
     )

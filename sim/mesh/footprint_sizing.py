@@ -37,8 +37,7 @@ class Footprint:
 
     # Sharp edge of the contact and creases within it [m], shape [edge_count, 3]; none under a ball
     edge: FloatArray
-    # Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape [rim_count,
-    # 3]
+    # Points on the sharp edge itself; ``edge`` has samples beside it [m], shape [rim_count, 3]
     rim: FloatArray
     inside: FloatArray  # points over the whole contact [m], shape [inside_count, 3]
     area_m2: float  # area of the contact seen from above [m^2]
@@ -59,13 +58,9 @@ class Footprint:
 def footprint(
     pad: Pad, indenter: TurnedIndenter, *, centre_m: tuple[float, float], depth_m: float
 ) -> Footprint:
-    """Return where an indenter touches a pad at a depth.
+    """Return where an indenter, its tip at ``centre_m`` in x and y, touches a pad at a depth.
 
     The pad is sampled twice: under all of the indenter, then in the contact's surroundings.
-
-    Args:
-        centre_m: Where the tip stands, x and y [m].
-        depth_m: Expected depth [m].
 
     Raises:
         ConfigError: The indenter stands beside the pad.

@@ -33,11 +33,8 @@ class MirrorSymmetry:
 
     def on_plane(self, points: FloatArray, size_m: float) -> NDArray[np.bool_]:
         """Return which coordinates a mirror plane holds still, shape [point_count, 3]."""
-        held = np.zeros(points.shape, dtype=np.bool_)
-        for axis, mirrored in enumerate((self.mirror_x, self.mirror_y)):
-            if mirrored:
-                held[:, axis] = np.abs(points[:, axis]) <= _SAME_POINT * size_m
-        return held
+        mirrored = np.array([self.mirror_x, self.mirror_y, False])
+        return mirrored & (np.abs(points) <= _SAME_POINT * size_m)
 
     def whole_force(self, force: FloatArray) -> FloatArray:
         """Return the force on the whole from that on the part, shape [3]."""
@@ -49,9 +46,8 @@ class MirrorSymmetry:
 
     def signs(self) -> Iterator[FloatArray]:
         """Yield the coordinate signs of each copy, the part itself first, shape [3]."""
-        for y, x in product(
-            (1.0, -1.0) if self.mirror_y else (1.0,), (1.0, -1.0) if self.mirror_x else (1.0,)
-        ):
+        both = (1.0, -1.0)
+        for y, x in product(both[: 1 + self.mirror_y], both[: 1 + self.mirror_x]):
             yield np.array([x, y, 1.0])
 
 

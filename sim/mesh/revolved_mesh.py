@@ -1,7 +1,6 @@
 """Deterministic meshes: a graded half section revolved about the indenter and morphed to the pad.
 
-fTetWild gives another mesh every time it runs. These are the same on every machine, have nodes on
-the indenter's rim, are coarse where nothing happens in all three directions, and need no tool.
+They have nodes on the indenter's rim, and are coarse where nothing happens in all three directions.
 Neighbouring sectors are mirror images, so a centred press meets a mirror-symmetric mesh.
 
 Levels cut the half section (radius, height) into layers. Each is triangulated by itself: the nodes
@@ -251,11 +250,7 @@ def _revolve(
             near, far = far, near
         low = [np.where(on_axis[p], p, p + near * count) for p in (a, b, c)]
         high = [np.where(on_axis[p], p, p + far * count) for p in (a, b, c)]
-        tets += [
-            np.column_stack([low[0], low[1], low[2], high[2]]),
-            np.column_stack([low[0], low[1], high[1], high[2]]),
-            np.column_stack([low[0], high[0], high[1], high[2]]),
-        ]
+        tets += [np.column_stack([*low[: k + 1], *high[k:]]) for k in (2, 1, 0)]
     every = np.concatenate(tets)
     ordered = np.sort(every, axis=1)
     kept = np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)

@@ -241,8 +241,6 @@ def _check_extents(extents_m: FloatArray, name: str) -> None:
         raise ConfigError(f"mesh {name} is flat", remedy="export a solid body")
 
 
-_SECTORS = 256
-_FILLET_RINGS = 8
 _LENGTH_PER_DIAMETER = 2.0
 
 
@@ -309,7 +307,7 @@ class TurnedIndenter:
 
 
 def cylinder_triangles(
-    cylinder: Cylinder, *, sectors: int = _SECTORS, fillet_rings: int = _FILLET_RINGS
+    cylinder: Cylinder, *, sectors: int = 256, fillet_rings: int = 8
 ) -> tuple[FloatArray, IntArray]:
     """Return vertices [m] and faces of a cylinder, twice as long as it is wide."""
     turn = np.linspace(0.0, 0.5 * np.pi, fillet_rings + 1 if cylinder.fillet_m > 0.0 else 1)

@@ -88,11 +88,7 @@ def interface_shares(layers: Sequence[Layer]) -> tuple[float, ...]:
 
 
 def law_name(material: Material, layers: Sequence[Layer]) -> str:
-    """Return the one law of a gel.
-
-    Raises:
-        ConfigError: The layers follow different laws.
-    """
+    """Return the one law of a gel; raise ConfigError if its layers follow different laws."""
     names = {layer.material.law for layer in layers} or {material.law}
     if len(names) > 1:
         listed = ", ".join(sorted(names))

@@ -53,11 +53,7 @@ OBJECTS: dict[str, Callable[[], MeshIndenter]] = {
 
 
 def parse_object(name: str) -> MeshIndenter:
-    """Return a body by its name.
-
-    Raises:
-        ConfigError: There is none of this name.
-    """
+    """Return a body by its name; raise ConfigError if there is none of this name."""
     if name not in OBJECTS:
         raise ConfigError(
             f"--indenter object:{name}: no such object",

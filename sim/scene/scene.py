@@ -16,20 +16,14 @@ if TYPE_CHECKING:  # shapes bring NumPy, which the help of a command has no use 
     from sim.scene.indenter import Indenter
     from sim.scene.pad import Pad
 
-_REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
-_REGULAR_ENERGY = 3.0
+# Half of a regular tetrahedron's angle between faces [rad].
+_ANGLE_MAX = 0.5 * math.acos(1.0 / 3.0)
 # Of each setting as it is written: its field, dimension and range, and what is usual.
 _TETWILD_SETTINGS = {
     "l_r": ("l_r", Dimension.RATIO, 0.0, 0.5, "the preset takes 0.05 to 0.1"),
     "epsilon_r": ("epsilon_r", Dimension.RATIO, 0.0, 0.01, "1e-3 is usual"),
-    "stop_energy": ("stop_energy", Dimension.RATIO, _REGULAR_ENERGY, 1e3, "10 is usual"),
-    "dihedral_min": (
-        "dihedral_min_rad",
-        Dimension.ANGLE,
-        0.0,
-        0.5 * _REGULAR_DIHEDRAL_RAD,
-        "2 deg is the preset's",
-    ),
+    "stop_energy": ("stop_energy", Dimension.RATIO, 3.0, 1e3, "10 is usual"),
+    "dihedral_min": ("dihedral_min_rad", Dimension.ANGLE, 0.0, _ANGLE_MAX, "2 deg is the preset's"),
 }
 
 
@@ -77,11 +71,7 @@ def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptio
 
 
 def parse_tetwild_options(text: str) -> TetWildOptions:
-    """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg``, each if wanted.
-
-    Raises:
-        ConfigError: A setting is unknown, no number, or out of its range.
-    """
+    """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg`` as a table is read."""
     given = dict(part.partition("=")[::2] for part in text.split(","))
     return tetwild_options_of(given, origin="--mesh")
 

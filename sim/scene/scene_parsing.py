@@ -1,4 +1,8 @@
-"""Pads, layers and indenters as text: ``box:20.75x25.25x4.5mm``, ``cylinder:diameter=5mm``."""
+"""Pads, layers and indenters as text: ``box:20.75x25.25x4.5mm``, ``cylinder:diameter=5mm``.
+
+Each reader raises ConfigError, with the option, for a word that it does not know, a number that is
+missing, out of range or without its unit, and a mesh that bounds no pad or body.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,12 +28,7 @@ _LAYER = {
 
 
 def parse_pad(text: str) -> Pad:
-    """Read ``box:LxWxHmm``, ``disc:radius=...,height=...`` or ``mesh:FILE,unit=...``.
-
-    Raises:
-        ConfigError: Another shape, a size that is missing or has no length unit, or a mesh that
-            bounds no pad.
-    """
+    """Read ``box:LxWxHmm``, ``disc:radius=...,height=...`` or ``mesh:FILE,unit=...``."""
     kind, _, sizes = text.partition(":")
     if kind == "box":
         parts = sizes.split("x")
@@ -65,23 +64,14 @@ def _file_and_unit(text: str, option: str, *, default: str = "") -> tuple[Path, 
 
 
 def parse_layer(text: str, *, law: str) -> Layer:
-    """Read ``share=0.925,young=0.1MPa,poisson=0.48``.
-
-    Raises:
-        ConfigError: One of the three is missing, unknown or no number.
-    """
+    """Read ``share=0.925,young=0.1MPa,poisson=0.48``."""
     given = _sizes(text, _LAYER, field="--layer")
     material = Material(young_pa=given["young"], poisson=given["poisson"], law=law)
     return Layer(share=given["share"], material=material)
 
 
 def parse_indenter(text: str) -> Indenter:
-    """Read ``KIND:SIZES``: ours, or a kind that another package brings.
-
-    Raises:
-        ConfigError: Another shape, a size that is missing or has no length unit, or a mesh that
-            bounds no body.
-    """
+    """Read ``KIND:SIZES``: ours, or a kind that another package brings."""
     kind, _, sizes = text.partition(":")
     if unknown(Kind.INDENTER, kind):
         ours = "cylinder:diameter=5mm", "sphere:diameter=15mm", "plane", "object:hexagon", "mesh:"
@@ -120,11 +110,7 @@ def parse_mesh(text: str) -> MeshIndenter:
 
 
 def parse_contact(text: str) -> tuple[ContactMode, float]:
-    """Read ``frictionless``, ``bonded`` or ``friction:MU``; mu is zero for the first two.
-
-    Raises:
-        ConfigError: Another contact, or a coefficient that is missing or negative.
-    """
+    """Read ``frictionless``, ``bonded`` or ``friction:MU``; mu is zero for the first two."""
     name, _, coefficient = text.partition(":")
     remedy = "write frictionless, bonded or friction:0.5"
     try:
@@ -138,11 +124,7 @@ def parse_contact(text: str) -> tuple[ContactMode, float]:
 
 
 def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[float, float]:
-    """Read one quantity, for x alone, or two with one unit: ``0.3mm``, ``0.3,-0.1mm``.
-
-    Raises:
-        ConfigError: More than two, or no unit of the dimension.
-    """
+    """Read one quantity, for x alone, or two with one unit: ``0.3mm``, ``0.3,-0.1mm``."""
     if text is None:
         return 0.0, 0.0
     parts = [part.strip() for part in text.split(",")]
@@ -160,11 +142,7 @@ def _with_one_unit(parts: list[str], dimension: Dimension, field: str) -> list[f
 
 
 def parse_switch(text: str) -> tuple[Effect, bool]:
-    """Read ``friction=on`` or ``friction=off``.
-
-    Raises:
-        ConfigError: No such effect, or neither on nor off.
-    """
+    """Read ``friction=on`` or ``friction=off``."""
     name, _, state = text.partition("=")
     names = [effect.value for effect in Effect]
     if name not in names:

@@ -1,13 +1,9 @@
 """Equilibrium of a pad under one indenter, held still or pushed with a given force.
 
-Every step goes along minus the inverse of a stiffness times the unbalanced force. That stiffness is
-a recent state's, corrected by what the last steps have shown of the present one
-(``lbfgs_kernels``): a step then costs one evaluation of forces and one solution. It is factored
-anew where steps gain too little, at every step if need be, which is Newton's method. A step lowers
-the energy, limits overlap, and ends where the force along it is no longer large.
-
-Steps may begin with the surfaces slightly overlapping; they end with every gap positive or not at
-all. They end when the residual, the norm of the unbalanced force, is
+Steps go along minus the inverse of a recent state's stiffness, corrected by what the last steps
+have shown (``lbfgs_kernels``), times the unbalanced force (docs/explanation/solver.md). They may
+begin with the surfaces slightly overlapping, and end with every gap positive or not at all: when
+the residual, the norm of the unbalanced force, is
 
 - *enough*: at most ``residual_relative`` of the contact force, the floor, or what rounding alone
   leaves of it;
@@ -242,8 +238,7 @@ class EquilibriumSolver:
 
     def _run(self, state: State, grip_start: Grip | None) -> int:
         """Let the environment run, and give it what it asks for; say how it ended."""
-        descents = self._descents
-        counted = 0
+        descents, counted = self._descents, 0
         while True:
             check_time()
             descents.step()

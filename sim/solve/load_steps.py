@@ -30,11 +30,9 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 _STILL = np.zeros(3)
 # No stiffness [N/m], or no travel [m]: it keeps quotients finite.
 _NOTHING = 1e-30
+# Of the pad's height: the longest step, if nothing else is said. Twice as long is faster, but a
+# ball of 6 mm then caught a coarse gel's face at twice the energy.
 STEP_SHARE = 0.0125
-"""Of the pad's height: the longest step, if nothing else is said.
-
-Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
-"""
 # A push's steps are at least this share of its force, also where the gel hardly resists.
 _FORCE_STEP_MIN_SHARE = 1e-3
 # Of the longest step: a press that fails in shorter ones stops.
@@ -144,30 +142,18 @@ class CarryPhase(Phase):
 
 @dataclass(slots=True)
 class Stepping:
-    """Steps one indenter through equilibria of one pad; a gel that relaxes or has mass remembers.
-
-    Args:
-        model: The pad.
-        indenter: The body.
-        centre_m: Where its tip comes down, x and y [m].
-        rotation: Indenter frame to pad frame from the start.
-        step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
-        potential: Further energy of the nodes besides inertia, such as weight.
-        inertia: Mass of the nodes, for a path in time.
-        reuse: What the solver keeps from step to step; None is what the size calls for.
-        keeps_all: Keep every equilibrium, not the last ones only.
-    """
+    """Steps one indenter through equilibria of a pad; a gel that relaxes or has mass remembers."""
 
     model: Model
     indenter: Indenter
-    centre_m: tuple[float, float] = (0.0, 0.0)
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    step_max_m: float = 0.0
+    centre_m: tuple[float, float] = (0.0, 0.0)  # where its tip comes down, x and y [m]
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))  # indenter to pad frame
+    step_max_m: float = 0.0  # largest advance [m]; 0 chooses an eightieth of the pad's height
     options: SolverOptions = field(default_factory=SolverOptions)
-    potential: Potential | None = None
-    inertia: Inertia | None = None
-    reuse: Reuse | None = None
-    keeps_all: bool = False
+    potential: Potential | None = None  # energy of the nodes besides inertia, such as weight
+    inertia: Inertia | None = None  # mass of the nodes, for a path in time
+    reuse: Reuse | None = None  # what the solver keeps between steps; None as the size calls for
+    keeps_all: bool = False  # keep every equilibrium, not the last ones only
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
@@ -235,8 +221,7 @@ class Stepping:
         """Go along a phase from a point, the last one or an earlier.
 
         Raises:
-            ConvergenceError: An increment failed even at the smallest step; the message names the
-                last depth that was reached, ``last`` holds it.
+            ConvergenceError: An increment failed even at the smallest step; ``last`` was reached.
             ConfigError: A gel that relaxes or has mass would have to go back.
         """
         started = time.perf_counter()
@@ -326,11 +311,9 @@ class Stepping:
             sink = -lift / max(resists, _NOTHING)
             motion = motion + sink * sunk
             velocity = velocity + sink * _DOWN
-        turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
-        state.rotation = turned
-        model = self.model
-        fraction = overlap_fraction(model, self.indenter, state, tip, advance * motion)
+        state.rotation = phase.turned(state.rotation, advance)
+        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
@@ -408,7 +391,7 @@ class Stepping:
         intermediate: bool,
         before: PathPoint | None = None,
     ) -> PathPoint:
-        """Find the equilibrium, friction's lagged pressure included.
+        """Find the equilibrium, friction's lagged pressure included, or raise ConvergenceError.
 
         Args:
             state: Where to start from; it becomes the point's.
@@ -416,9 +399,6 @@ class Stepping:
             must_touch: An equilibrium in which nothing presses is none.
             intermediate: To 0.01 % or less will do.
             before: The point that was gone on from.
-
-        Raises:
-            ConvergenceError: There is none.
         """
         solver, model, options = self.solver, self.model, self.options
         wanted = options.residual_relative

@@ -3,9 +3,6 @@
 It is advanced to a depth, pushed with a force, or carried along and about its axis while its depth
 or its force is held. Each of these is a phase with one parameter that grows. Weight, and a law with
 stress at rest, deform the pad before it is touched; depths count from first touch of that shape.
-
-``LoadingPath.push`` makes the depth an unknown of the solve. One loading path serves all the forces
-of a run, in ascending order.
 """
 
 from __future__ import annotations
@@ -110,7 +107,12 @@ class Hold(StrEnum):
 
 @dataclass(slots=True)
 class LoadingPath(Stepping):
-    """Moves one indenter against one pad: by depth, by force, and along it."""
+    """Moves one indenter against one pad: by depth, by force, and along it.
+
+    What moves or settles it raises ConvergenceError where an increment failed even at the smallest
+    step, or before it was pressed in; the message names the last depth that was reached, and
+    ``last`` holds it.
+    """
 
     # Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's stress at
     # rest deform it
@@ -156,9 +158,6 @@ class LoadingPath(Stepping):
         """Return a point of another path in the same gel, so many times less stiff, as one of this.
 
         At forces as many times larger, a stiffer gel is deformed as the other was.
-
-        Raises:
-            ConvergenceError: It does not.
         """
         state = point.state.copy()
         if state.grip is not None:
@@ -172,9 +171,6 @@ class LoadingPath(Stepping):
         Args:
             load_n: F_z that the indenter carries, while its depth follows [N]; None holds it.
             stiffness_n_m: dF_z / d(depth) there [N/m], which one state alone does not tell.
-
-        Raises:
-            ConvergenceError: There is no equilibrium near it.
         """
         started = time.perf_counter()
         touches = self.must_touch(self.touch_m - float(state.tip[2]))
@@ -192,8 +188,6 @@ class LoadingPath(Stepping):
             duration_s: Time that it takes [s], for a gel that remembers; None is for ever.
 
         Raises:
-            ConvergenceError: An increment failed even at the smallest step; the message names the
-                last depth that was reached, ``last`` holds it.
             ConfigError: The indenter would be below the gel's base, or at it.
         """
         most_m = self.base_depth_m
@@ -219,7 +213,7 @@ class LoadingPath(Stepping):
     def push(
         self, force_n: float, *, start: PathPoint | None = None, duration_s: float | None = None
     ) -> PathPoint:
-        """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
+        """Press (or retract) until the indenter carries a force F_z [N]; its depth is an unknown.
 
         ``start``, ``duration_s`` and what is raised are as for ``advance``.
         """
@@ -241,11 +235,7 @@ class LoadingPath(Stepping):
         return self.go(point, phase, duration_s)
 
     def dwell(self, duration_s: float) -> PathPoint:
-        """Let time pass at the same depth, as one step; a gel that relaxes pushes back less.
-
-        Raises:
-            ConvergenceError: As for ``advance``, or nothing was pressed yet.
-        """
+        """Let time pass at the same depth, as one step; a gel that relaxes pushes back less."""
         point = self._pressed("dwells")
         self.begin(duration_s)
         return self.accept(self.settle(point.state.copy(), intermediate=False))
@@ -264,7 +254,6 @@ class LoadingPath(Stepping):
             duration_s: Time that it takes [s], for a gel that remembers; None is for ever.
 
         Raises:
-            ConvergenceError: As for ``advance``, or nothing was pressed yet.
             ConfigError: The model is of a part whose mirror planes do not mirror the motion.
         """
         point = self._pressed("is carried")
@@ -308,12 +297,18 @@ class LoadingPath(Stepping):
         return self.last
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        depth = min(depth_m, self._first_step_m + self.blunted_m)
+        options, share = self.model.contact_options, STEP_SHARE
+        if options.is_tangential:
+            share *= _GRIPPING_SHARE
+        elif options.extension < 1.0:  # only a parabola throughout forgives more
+            share = OVERLAP_SHARE
+        first_m = min(self.step_max_m, share * self.model.height_m)
+        depth = min(depth_m, first_m + self.blunted_m)
         if depth_m > 0.0:
             depth = min(depth, depth_m * self.longest_share(duration_s))
         self.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         # Points that take hold, or have mass, remember an intermediate state as it is found.
-        remembers = self.model.contact_options.is_tangential or self.inertia is not None
+        remembers = options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
         touches = self.must_touch(depth)
         with doing(f"finding the first equilibrium, {depth * 1e3:.4f} mm deep"):
@@ -321,16 +316,6 @@ class LoadingPath(Stepping):
                 self.untouched(depth), intermediate=intermediate, must_touch=touches
             )
         return self.accept(point)
-
-    @property
-    def _first_step_m(self) -> float:
-        """How deep a first step goes: a barrier that is a parabola throughout forgives overlap."""
-        options, share = self.model.contact_options, STEP_SHARE
-        if options.is_tangential:
-            share *= _GRIPPING_SHARE
-        elif options.extension < 1.0:
-            share = OVERLAP_SHARE
-        return min(self.step_max_m, share * self.model.height_m)
 
     def _touching_share(
         self, point: PathPoint | None, force_n: float, duration_s: float | None

@@ -47,9 +47,7 @@ class Model:
         prony: PronySeries | None = None,
         device: str = "cpu",
     ) -> None:
-        self.mesh = mesh
-        self.law = law
-        self.device = device
+        self.mesh, self.law, self.device = mesh, law, device
         self.contact_options = contact_options or ContactOptions()
         pad = discretise(mesh, order=order)
         self.discretisation = pad
@@ -107,7 +105,7 @@ class Model:
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
     ) -> FloatArray:
         """Return the CSR values of the Newton matrix [N/m], if ``projected`` semidefinite."""
-        values = self._device.zeros(self.pattern.block_count, wp.mat33d)
+        values = self._device.zeros(len(self.pattern.block_keys), wp.mat33d)
         self.gel.add_hessian(positions, values, projected=projected)
         self.surface.add_hessian(stiffness, values)
         return np.asarray(on_host(values).reshape(-1)[self.pattern.gather])

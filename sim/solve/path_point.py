@@ -15,16 +15,12 @@ _APART = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathPoint:
-    """An equilibrium on a path.
-
-    Attributes:
-        force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
-        stiffness_n_m: dF_z / d(depth) since the point before [N/m]; that point's where it was not
-            pressed deeper: what slides under a load sinks without a force.
-    """
+    """An equilibrium on a path."""
 
     depth_m: float  # travel below first touch of the unloaded pad [m]
-    force_n: FloatArray
+    force_n: FloatArray  # on the indenter in the pad's frame [N], shape [3]; +z in compression
+    # dF_z / d(depth) since the point before [N/m]; that point's where it was not pressed deeper:
+    # what slides under a load sinks without a force
     stiffness_n_m: float
     state: State
     equilibrium: Equilibrium

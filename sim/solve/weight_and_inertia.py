@@ -12,6 +12,8 @@ Weight is shared among the nodes of a straight-sided tetrahedron by the integral
 functions. A quadratic tetrahedron's corners then carry -1/20 of it each, which no mass may be.
 Inertia is therefore shared in proportion to the diagonal of the consistent mass matrix (Hinton,
 Rock, Zienkiewicz 1976), which is positive.
+
+Densities [kg/m^3] are one number, or one for each tetrahedron.
 """
 
 import math
@@ -58,13 +60,10 @@ def pull_of(potential: Potential | None, device: Device) -> Any:
     """Return it for the kernels."""
     if potential is None:
         return device.zeroed(Pull, (1,))
-    parts = {
-        "stiffness": potential.diagonal(),
-        "towards": potential.towards_m,
-        "force": potential.force_n,
-        "rest": potential.rest_m,
-    }
-    return device.tables(Pull, {name: each.reshape(-1) for name, each in parts.items()})
+    names = "stiffness", "towards", "force", "rest"
+    parts = potential.diagonal(), potential.towards_m, potential.force_n, potential.rest_m
+    tables = {name: part.reshape(-1) for name, part in zip(names, parts, strict=True)}
+    return device.tables(Pull, tables)
 
 
 # Of a tetrahedron's mass, node by node.
@@ -85,7 +84,6 @@ def nodal_masses(model: Model, density_kg_m3: float | FloatArray, shares: Shares
     """Return the lumped nodal masses [kg], shape [node_count].
 
     Args:
-        density_kg_m3: One number, or one for each tetrahedron.
         shares: ``WEIGHT``, by which some are negative, or ``INERTIA``.
     """
     volumes = tet_volumes(model.nodes, model.elements[:, :4])
@@ -96,11 +94,7 @@ def nodal_masses(model: Model, density_kg_m3: float | FloatArray, shares: Shares
 
 
 def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
-    """Return the weight of a pad of a sensor that looks up: it acts along -z.
-
-    Args:
-        density_kg_m3: One number, or one for each tetrahedron.
-    """
+    """Return the weight of a pad of a sensor that looks up: it acts along -z."""
     masses = nodal_masses(model, density_kg_m3, WEIGHT)
     return Potential(
         stiffness_n_m=np.zeros(len(masses)),
@@ -114,7 +108,6 @@ class Inertia:
     """What nodes with mass remember from time step to time step: where they were, and how fast.
 
     Args:
-        density_kg_m3: One number, or one for each tetrahedron.
         step_max_s: Longest time step.
 
     Attributes:
@@ -134,11 +127,7 @@ class Inertia:
         self._positions, self.velocities_m_s = positions.copy(), np.zeros_like(positions)
 
     def begin_step(self, step_s: float) -> None:
-        """Prepare a step from the last commit; it may be begun again.
-
-        Args:
-            step_s: Above 0 s, to inf, for ever.
-        """
+        """Prepare a step [s], above 0 to inf, from the last commit; it may be begun again."""
         self._step_s = step_s
 
     def flight(self, others: Potential | None) -> Potential | None:

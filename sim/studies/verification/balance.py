@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sim.effects.minimum_rim_radius import regularised_indenter
-from sim.effects.presets import build_model, finest_edge_m
+from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
 from sim.fields import stress
 from sim.press import press
 from sim.press_arguments import scene_from

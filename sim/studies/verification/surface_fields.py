@@ -10,8 +10,7 @@ import numpy as np
 
 from sim.contact.surface_and_grip import Grip
 from sim.effects.effect_choice import plan_effects
-from sim.effects.minimum_rim_radius import regularised_indenter
-from sim.effects.presets import build_model
+from sim.effects.presets import build_model, regularised_indenter
 from sim.fields.pressure_and_shear import surface_traction
 from sim.fields.saved_press import top_surface
 from sim.mesh.elements import quadratic_triangle_values
