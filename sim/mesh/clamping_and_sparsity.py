@@ -55,7 +55,10 @@ class SparsePattern:
     def slots(self, elements: IntArray) -> IntArray:
         """Return 2 * block index + transposed for each node pair, shape [n, k, k]; -1 for none."""
         rows, columns = _pairs(self.block_row[elements])
-        index = np.searchsorted(self.block_keys, _keys(rows, columns, len(self.block_row)))
+        one, other = np.triu_indices(elements.shape[1])
+        keys = _keys(rows[:, one, other], columns[:, one, other], len(self.block_row))
+        index = np.empty(rows.shape, dtype=np.int64)
+        index[:, one, other] = index[:, other, one] = np.searchsorted(self.block_keys, keys)
         slots = 2 * index + (rows > columns)
         return np.where((rows < 0) | (columns < 0), -1, slots).astype(np.int32)
 
@@ -84,7 +87,7 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     keys = np.sort(_keys(rows[kept], columns[kept], len(fixed)))
     block_keys = keys[np.diff(keys, prepend=-1) > 0]
     free_dofs = np.flatnonzero(~fixed.reshape(-1))
-    unknown = np.full((len(fixed), 3), -1, dtype=np.int64)
+    unknown = np.full((len(fixed), 3), -1, dtype=np.int32)
     unknown.reshape(-1)[free_dofs] = np.arange(len(free_dofs))
     block_rows, block_columns = np.divmod(block_keys, len(fixed))
     row, column = np.broadcast_arrays(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
@@ -131,11 +132,16 @@ def quadratic_nodes(
 ) -> tuple[FloatArray, IntArray]:
     """Add the middles of the edges of every cell to nodes and cells, by default of tetrahedra."""
     pairs = np.sort(np.stack([cells[:, list(edge)] for edge in edges], axis=1), axis=2)
-    distinct, inverse = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    middles = 0.5 * (vertices[distinct[:, 0]] + vertices[distinct[:, 1]])
+    keys, inverse = np.unique(_row_keys(pairs, len(vertices)), return_inverse=True)
+    middles = 0.5 * (vertices[keys // len(vertices)] + vertices[keys % len(vertices)])
     indices = inverse.reshape(len(cells), len(edges)) + len(vertices)
     nodes = np.concatenate([vertices, middles])
     return nodes, np.concatenate([cells, indices], axis=1).astype(np.int32)
+
+
+def _row_keys(rows: IntArray, count: int) -> NDArray[np.int64]:
+    """Return a number of each row of nodes, of which there are ``count``, in the order of rows."""
+    return np.ravel_multi_index(tuple(np.moveaxis(rows, -1, 0)), (count,) * rows.shape[-1])
 
 
 def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
@@ -147,8 +153,8 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     of_faces = FACES if elements.shape[1] == 4 else _QUADRATIC_FACES
     faces = np.concatenate([elements[:, list(face)] for face in of_faces])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
-    corners = np.sort(faces[:, :3], axis=1)
-    _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    keys = _row_keys(np.sort(faces[:, :3], axis=1), int(faces.max()) + 1)
+    _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     outer = np.sort(first[counts == 1])
     return faces[outer], parents[outer]
 
