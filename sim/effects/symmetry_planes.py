@@ -1,5 +1,7 @@
 """Planes of symmetry of a scene: a half or a quarter of the pad is solved for the whole."""
 
+from functools import lru_cache
+
 from sim.effects.mesh_choice import MeshKind, has_brick, mesh_choice
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.indenter import MeshIndenter
@@ -7,6 +9,7 @@ from sim.scene.scene import Scene
 from sim.scene.triangle_surface import is_mirrored
 
 
+@lru_cache(maxsize=8)
 def mirrors(scene: Scene) -> MirrorSymmetry:
     """Return which middle planes of the pad mirror pad, indenter and motion."""
     (kind, _), motion, indenter = mesh_choice(scene), scene.motion, scene.indenter

@@ -18,7 +18,7 @@ from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
-from sim.solve.refused_overlap import OVERLAP_SHARE, overlap_fraction
+from sim.solve.refused_overlap import OVERLAP_SHARE, base_depth_m, overlap_fraction
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -171,7 +171,8 @@ class Stepping:
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
-    base_depth_m: float = field(init=False)  # where the indenter is at the gel's base [m]
+    # Where the indenter is at the gel's base [m], or less while it is not near
+    base_depth_m: float = field(init=False)
     # The equilibrium that was reached last, also when a phase ended in an error.
     last: PathPoint | None = field(init=False, default=None)
     # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
@@ -200,6 +201,15 @@ class Stepping:
         """What goes on from where a step ended, and not from any point of the path."""
         both = (self.model.relaxation, self.inertia)
         return tuple(each for each in both if each is not None)
+
+    def is_at_base(self, depth_m: float) -> bool:
+        """Return whether the indenter would be at the gel's base, or below it, at a depth [m]."""
+        if depth_m >= self.base_depth_m:
+            half = np.abs(self.model.nodes[:, :2]).max(axis=0)
+            reach_m = np.stack([-half, half]) - np.array(self.centre_m)
+            placed = {"reach_m": reach_m, "touch_m": self.touch_m}
+            self.base_depth_m = base_depth_m(self.indenter, self.rotation, **placed)
+        return depth_m >= self.base_depth_m
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
@@ -279,7 +289,7 @@ class Stepping:
                             remedy=error.remedy,
                         ) from error
                     continue
-                if found.depth_m >= self.base_depth_m:  # shorter steps would lead there too
+                if self.is_at_base(found.depth_m):  # shorter steps would lead there too
                     raise ConvergenceError(
                         f"the gel does not carry {phase.goal}: at {point.force_n[2]:.4f} N the "
                         f"indenter is {point.depth_m * 1e3:.4f} mm deep, and at "

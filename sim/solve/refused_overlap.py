@@ -8,7 +8,7 @@ that is the wrong one, and contact pulls the gel's surface, or has none.
 import numpy as np
 
 from sim.contact.surface_and_grip import State
-from sim.scene.indenter import Indenter, Plane, TurnedIndenter
+from sim.scene.indenter import Indenter, MeshIndenter, Plane, TurnedIndenter
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -89,6 +89,14 @@ def faces_gel(forces: FloatArray, outward: FloatArray, *, friction: float) -> bo
     pushed = np.einsum("fpi,fpi->fp", forces, outward) / np.maximum(sizes, 1e-300)
     least = _FACING_LEAST / np.hypot(1.0, friction)
     return bool(pushed.sum() >= least * np.linalg.norm(forces, axis=2).sum())
+
+
+def sinks_most_m(indenter: Indenter, rotation: FloatArray) -> float:
+    """Return how far points of an indenter are below its tip at most [m]."""
+    width = getattr(indenter, "radius_m", 0.0)
+    if isinstance(indenter, MeshIndenter):
+        width = np.hypot(*indenter.surface.vertices.T[:2]).max() + indenter.rounding_m
+    return float(width * np.hypot(*rotation[2, :2])) if rotation[2, 2] > 0.0 else np.inf
 
 
 def base_depth_m(
