@@ -55,10 +55,7 @@ class SparsePattern:
     def slots(self, elements: IntArray) -> IntArray:
         """Return 2 * block index + transposed for each node pair, shape [n, k, k]; -1 for none."""
         rows, columns = _pairs(self.block_row[elements])
-        one, other = np.triu_indices(elements.shape[1])
-        keys = _keys(rows[:, one, other], columns[:, one, other], len(self.block_row))
-        index = np.empty(rows.shape, dtype=np.int64)
-        index[:, one, other] = index[:, other, one] = np.searchsorted(self.block_keys, keys)
+        index = np.searchsorted(self.block_keys, _keys(rows, columns, len(self.block_row)))
         slots = 2 * index + (rows > columns)
         return np.where((rows < 0) | (columns < 0), -1, slots).astype(np.int32)
 

@@ -8,9 +8,9 @@ straight-sided at rest, so one inverse Jacobian serves all their points.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
@@ -131,17 +131,17 @@ def quadratic_nodes(
     vertices: FloatArray, cells: IntArray, *, edges: Sequence[tuple[int, int]] = EDGES
 ) -> tuple[FloatArray, IntArray]:
     """Add the middles of the edges of every cell to nodes and cells, by default of tetrahedra."""
-    pairs = np.sort(np.stack([cells[:, list(edge)] for edge in edges], axis=1), axis=2)
-    keys, inverse = np.unique(_row_keys(pairs, len(vertices)), return_inverse=True)
-    middles = 0.5 * (vertices[keys // len(vertices)] + vertices[keys % len(vertices)])
-    indices = inverse.reshape(len(cells), len(edges)) + len(vertices)
-    nodes = np.concatenate([vertices, middles])
-    return nodes, np.concatenate([cells, indices], axis=1).astype(np.int32)
+    ends, of_cells = edges_of(cells, edges)
+    nodes = np.concatenate([vertices, vertices[ends].mean(axis=1)])
+    return nodes, np.concatenate([cells, of_cells + len(vertices)], axis=1).astype(np.int32)
 
 
-def _row_keys(rows: IntArray, count: int) -> NDArray[np.int64]:
-    """Return a number of each row of nodes, of which there are ``count``, in the order of rows."""
-    return np.ravel_multi_index(tuple(np.moveaxis(rows, -1, 0)), (count,) * rows.shape[-1])
+def edges_of(cells: IntArray, of: Sequence[tuple[int, int]] = EDGES) -> tuple[IntArray, IntArray]:
+    """Return the nodes at the ends of all edges, sorted, shape [n, 2], and the edges of cells."""
+    count = np.int64(cells.max() + 1)
+    ends: Any = np.sort(cells[:, np.array(of)], axis=2)
+    found: Any = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    return np.column_stack(np.divmod(found[0], count)), found[1].reshape(len(cells), -1)
 
 
 def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
@@ -153,7 +153,9 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     of_faces = FACES if elements.shape[1] == 4 else _QUADRATIC_FACES
     faces = np.concatenate([elements[:, list(face)] for face in of_faces])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
-    keys = _row_keys(np.sort(faces[:, :3], axis=1), int(faces.max()) + 1)
+    a, b, c = np.sort(faces[:, :3], axis=1).T
+    count = np.int64(faces.max() + 1)
+    keys = (a * count + b) * count + c
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     outer = np.sort(first[counts == 1])
     return faces[outer], parents[outer]

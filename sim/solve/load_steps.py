@@ -171,8 +171,6 @@ class Stepping:
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
-    # Where the indenter is at the gel's base [m], or less while it is not near
-    base_depth_m: float = field(init=False)
     # The equilibrium that was reached last, also when a phase ended in an error.
     last: PathPoint | None = field(init=False, default=None)
     # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
@@ -202,14 +200,12 @@ class Stepping:
         both = (self.model.relaxation, self.inertia)
         return tuple(each for each in both if each is not None)
 
-    def is_at_base(self, depth_m: float) -> bool:
-        """Return whether the indenter would be at the gel's base, or below it, at a depth [m]."""
-        if depth_m >= self.base_depth_m:
-            half = np.abs(self.model.nodes[:, :2]).max(axis=0)
-            reach_m = np.stack([-half, half]) - np.array(self.centre_m)
-            placed = {"reach_m": reach_m, "touch_m": self.touch_m}
-            self.base_depth_m = base_depth_m(self.indenter, self.rotation, **placed)
-        return depth_m >= self.base_depth_m
+    def base_depth_m(self, from_m: float) -> float:
+        """Return where the indenter is at the gel's base [m], or if not from here on, any less."""
+        half = np.abs(self.model.nodes[:, :2]).max(axis=0)
+        reach_m = np.stack([-half, half]) - np.array(self.centre_m)
+        at = {"reach_m": reach_m, "touch_m": self.touch_m, "from_m": from_m}
+        return base_depth_m(self.indenter, self.rotation, **at)
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
@@ -289,11 +285,12 @@ class Stepping:
                             remedy=error.remedy,
                         ) from error
                     continue
-                if self.is_at_base(found.depth_m):  # shorter steps would lead there too
+                base_m = self.base_depth_m(found.depth_m)
+                if found.depth_m >= base_m:  # shorter steps would lead there too
                     raise ConvergenceError(
                         f"the gel does not carry {phase.goal}: at {point.force_n[2]:.4f} N the "
                         f"indenter is {point.depth_m * 1e3:.4f} mm deep, and at "
-                        f"{self.base_depth_m * 1e3:.4f} mm it is at the gel's base",
+                        f"{base_m * 1e3:.4f} mm it is at the gel's base",
                         remedy="press with less force",
                     )
                 point = self.accept(found)

@@ -23,7 +23,7 @@ from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.load_steps import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from sim.solve.model import Model
 from sim.solve.path_point import PathCounts, PathPoint
-from sim.solve.refused_overlap import OVERLAP_SHARE, sinks_most_m
+from sim.solve.refused_overlap import OVERLAP_SHARE
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -129,7 +129,6 @@ class LoadingPath(Stepping):
             self.model, self.indenter, self.unloaded, centre_m=self.centre_m, rotation=self.rotation
         )
         self.touch_m += self.blunted_m  # depth counts from where the sharp tip would touch
-        self.base_depth_m = self.touch_m - sinks_most_m(self.indenter, self.rotation)
         self.setup_s = time.perf_counter() - started
 
     def stiffer(self, factor: float) -> LoadingPath:
@@ -190,10 +189,11 @@ class LoadingPath(Stepping):
                 last depth that was reached, ``last`` holds it.
             ConfigError: The indenter would be below the gel's base, or at it.
         """
-        if self.is_at_base(depth_m):
+        most_m = self.base_depth_m(depth_m)
+        if depth_m >= most_m:
             raise ConfigError(
                 f"a depth of {depth_m * 1e3:.4f} mm is more than the gel has room for: at "
-                f"{self.base_depth_m * 1e3:.4f} mm the indenter is at its base",
+                f"{most_m * 1e3:.4f} mm the indenter is at its base",
                 remedy="press less deep",
             )
         point = start or self.last

@@ -91,25 +91,22 @@ def faces_gel(forces: FloatArray, outward: FloatArray, *, friction: float) -> bo
     return bool(pushed.sum() >= least * np.linalg.norm(forces, axis=2).sum())
 
 
-def sinks_most_m(indenter: Indenter, rotation: FloatArray) -> float:
-    """Return how far points of an indenter are below its tip at most [m]."""
-    width = getattr(indenter, "radius_m", 0.0)
-    if isinstance(indenter, MeshIndenter):
-        width = np.hypot(*indenter.surface.vertices.T[:2]).max() + indenter.rounding_m
-    return float(width * np.hypot(*rotation[2, :2])) if rotation[2, 2] > 0.0 else np.inf
-
-
 def base_depth_m(
-    indenter: Indenter, rotation: FloatArray, *, reach_m: FloatArray, touch_m: float
+    indenter: Indenter, rotation: FloatArray, *, reach_m: FloatArray, touch_m: float, from_m: float
 ) -> float:
     """Return the depth at which an indenter's lowest point over the pad is at the gel's base [m].
 
     Args:
         reach_m: Least and greatest x and y of the pad seen from the tip [m], shape [2, 2].
         touch_m: Height of the tip at first touch [m].
+        from_m: If the indenter is not there at this depth [m], a lesser one beyond it will do.
     """
     if isinstance(indenter, Plane) or np.array_equal(rotation, np.eye(3)):
         return touch_m
+    width = indenter.size_m[:2] if isinstance(indenter, MeshIndenter) else indenter.radius_m
+    least = touch_m - float(np.linalg.norm(width) * np.hypot(*rotation[2, :2]))
+    if rotation[2, 2] > 0.0 and least > from_m:
+        return least
     turned = TurnedIndenter(indenter=indenter, rotation=rotation)
     low, high = (np.clip(each, *reach_m) for each in turned.reach())
     axes = [np.linspace(a, b, _SAMPLES) for a, b in zip(low, high, strict=True)]
