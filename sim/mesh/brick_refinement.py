@@ -154,8 +154,7 @@ def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
     rank = np.empty(len(ends), dtype=np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(ends))
-    place = np.argmax(rank[of_tets], axis=1)
-    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), place]
+    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), rank[of_tets].argmax(axis=1)]
 
 
 def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:

@@ -139,8 +139,8 @@ def quadratic_nodes(
 def edges_of(cells: IntArray, of: Sequence[tuple[int, int]] = EDGES) -> tuple[IntArray, IntArray]:
     """Return the nodes at the ends of all edges, sorted, shape [n, 2], and the edges of cells."""
     count = np.int64(cells.max() + 1)
-    ends: Any = np.sort(cells[:, np.array(of)], axis=2)
-    found: Any = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    keys = np.sort(cells[:, np.array(of)], axis=2) @ np.array([count, 1])
+    found: Any = np.unique(keys, return_inverse=True)
     return np.column_stack(np.divmod(found[0], count)), found[1].reshape(len(cells), -1)
 
 
@@ -153,9 +153,7 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     of_faces = FACES if elements.shape[1] == 4 else _QUADRATIC_FACES
     faces = np.concatenate([elements[:, list(face)] for face in of_faces])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
-    a, b, c = np.sort(faces[:, :3], axis=1).T
-    count = np.int64(faces.max() + 1)
-    keys = (a * count + b) * count + c
+    keys = np.sort(faces[:, :3], axis=1) @ np.int64(faces.max() + 1) ** np.arange(3)
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     outer = np.sort(first[counts == 1])
     return faces[outer], parents[outer]

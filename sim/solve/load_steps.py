@@ -197,15 +197,13 @@ class Stepping:
     @property
     def memories(self) -> tuple[Inertia | Relaxation, ...]:
         """What goes on from where a step ended, and not from any point of the path."""
-        both = (self.model.relaxation, self.inertia)
-        return tuple(each for each in both if each is not None)
+        return tuple(each for each in (self.model.relaxation, self.inertia) if each is not None)
 
     def base_depth_m(self, from_m: float) -> float:
         """Return where the indenter is at the gel's base [m], or if not from here on, any less."""
         half = np.abs(self.model.nodes[:, :2]).max(axis=0)
-        reach_m = np.stack([-half, half]) - np.array(self.centre_m)
-        at = {"reach_m": reach_m, "touch_m": self.touch_m, "from_m": from_m}
-        return base_depth_m(self.indenter, self.rotation, **at)
+        at = {"reach_m": np.stack([-half, half]) - np.array(self.centre_m), "touch_m": self.touch_m}
+        return base_depth_m(self.indenter, self.rotation, **at, from_m=from_m)
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
@@ -333,11 +331,9 @@ class Stepping:
             sink = -lift / max(resists, _NOTHING)
             motion = motion + sink * sunk
             velocity = velocity + sink * _DOWN
-        turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
-        state.rotation = turned
-        model = self.model
-        fraction = overlap_fraction(model, self.indenter, state, tip, advance * motion)
+        state.rotation = phase.turned(state.rotation, advance)
+        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:

@@ -189,8 +189,7 @@ class LoadingPath(Stepping):
                 last depth that was reached, ``last`` holds it.
             ConfigError: The indenter would be below the gel's base, or at it.
         """
-        most_m = self.base_depth_m(depth_m)
-        if depth_m >= most_m:
+        if depth_m >= (most_m := self.base_depth_m(depth_m)):
             raise ConfigError(
                 f"a depth of {depth_m * 1e3:.4f} mm is more than the gel has room for: at "
                 f"{most_m * 1e3:.4f} mm the indenter is at its base",
