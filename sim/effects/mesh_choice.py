@@ -61,6 +61,7 @@ def has_brick(scene: Scene) -> bool:
     return isinstance(scene.pad, BoxPad) and not scene.layers
 
 
+@lru_cache(maxsize=8)
 def mirrors(scene: Scene) -> MirrorSymmetry:
     """Return which middle planes of the pad mirror pad, indenter and motion."""
     (kind, _), motion, indenter = mesh_choice(scene), scene.motion, scene.indenter

@@ -21,14 +21,13 @@ import numpy as np
 import scipy
 
 from sim.mesh.cached_tet_mesh import TetMesh, oriented, tet_volumes
-from sim.mesh.elements import boundary_faces
+from sim.mesh.elements import boundary_faces, edges_of
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.time_limit_and_progress import check_time
 
-_EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
 _TOO_LONG = 1.5
 _TETS_MAX = 400_000
@@ -151,16 +150,11 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
 
 def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     """Return the edges' ends and lengths [m], and every tetrahedron's edges and longest edge."""
-    count = len(mesh.vertices)
-    pairs = np.sort(mesh.tets[:, _EDGES].astype(np.int64), axis=2)
-    keys, of_tets = np.unique(pairs[..., 0] * count + pairs[..., 1], return_inverse=True)
-    of_tets = of_tets.reshape(-1, 6)
-    ends = np.column_stack([keys // count, keys % count])
+    ends, of_tets = edges_of(mesh.tets)
     lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    rank = np.empty(len(keys), dtype=np.int64)
-    rank[np.argsort(lengths, kind="stable")] = np.arange(len(keys))
-    place = np.argmax(rank[of_tets], axis=1)
-    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), place]
+    rank = np.empty(len(ends), dtype=np.int64)
+    rank[np.argsort(lengths, kind="stable")] = np.arange(len(ends))
+    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), rank[of_tets].argmax(axis=1)]
 
 
 def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:

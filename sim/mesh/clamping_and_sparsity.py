@@ -72,7 +72,7 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     keys = np.sort(_keys(rows[kept], columns[kept], len(fixed)))
     block_keys = keys[np.diff(keys, prepend=-1) > 0]
     free_dofs = np.flatnonzero(~fixed.reshape(-1))
-    unknown = np.full((len(fixed), 3), -1, dtype=np.int64)
+    unknown = np.full((len(fixed), 3), -1, dtype=np.int32)
     unknown.reshape(-1)[free_dofs] = np.arange(len(free_dofs))
     block_rows, block_columns = np.divmod(block_keys, len(fixed))
     row, column = np.broadcast_arrays(

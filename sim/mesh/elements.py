@@ -8,6 +8,7 @@ straight-sided at rest, so one inverse Jacobian serves all their points.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -130,12 +131,17 @@ def quadratic_nodes(
     vertices: FloatArray, cells: IntArray, *, edges: Sequence[tuple[int, int]] = EDGES
 ) -> tuple[FloatArray, IntArray]:
     """Add the middles of the edges of every cell to nodes and cells, by default of tetrahedra."""
-    pairs = np.sort(np.stack([cells[:, list(edge)] for edge in edges], axis=1), axis=2)
-    distinct, inverse = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    middles = 0.5 * (vertices[distinct[:, 0]] + vertices[distinct[:, 1]])
-    indices = inverse.reshape(len(cells), len(edges)) + len(vertices)
-    nodes = np.concatenate([vertices, middles])
-    return nodes, np.concatenate([cells, indices], axis=1).astype(np.int32)
+    ends, of_cells = edges_of(cells, edges)
+    nodes = np.concatenate([vertices, vertices[ends].mean(axis=1)])
+    return nodes, np.concatenate([cells, of_cells + len(vertices)], axis=1).astype(np.int32)
+
+
+def edges_of(cells: IntArray, of: Sequence[tuple[int, int]] = EDGES) -> tuple[IntArray, IntArray]:
+    """Return the nodes at the ends of all edges, sorted, shape [n, 2], and the edges of cells."""
+    count = np.int64(cells.max() + 1)
+    keys = np.sort(cells[:, np.array(of)], axis=2) @ np.array([count, 1])
+    found: Any = np.unique(keys, return_inverse=True)
+    return np.column_stack(np.divmod(found[0], count)), found[1].reshape(len(cells), -1)
 
 
 def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
@@ -147,8 +153,8 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     of_faces = FACES if elements.shape[1] == 4 else _QUADRATIC_FACES
     faces = np.concatenate([elements[:, list(face)] for face in of_faces])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
-    corners = np.sort(faces[:, :3], axis=1)
-    _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    keys = np.sort(faces[:, :3], axis=1) @ np.int64(faces.max() + 1) ** np.arange(3)
+    _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     outer = np.sort(first[counts == 1])
     return faces[outer], parents[outer]
 

@@ -18,7 +18,7 @@ from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
-from sim.solve.refused_overlap import OVERLAP_SHARE, overlap_fraction
+from sim.solve.refused_overlap import OVERLAP_SHARE, base_depth_m, overlap_fraction
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -157,7 +157,6 @@ class Stepping:
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
-    base_depth_m: float = field(init=False)  # where the indenter is at the gel's base [m]
     # The equilibrium that was reached last, also when a phase ended in an error.
     last: PathPoint | None = field(init=False, default=None)
     # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
@@ -184,8 +183,13 @@ class Stepping:
     @property
     def memories(self) -> tuple[Inertia | Relaxation, ...]:
         """What goes on from where a step ended, and not from any point of the path."""
-        both = (self.model.relaxation, self.inertia)
-        return tuple(each for each in both if each is not None)
+        return tuple(each for each in (self.model.relaxation, self.inertia) if each is not None)
+
+    def base_depth_m(self, from_m: float) -> float:
+        """Return where the indenter is at the gel's base [m], or if not from here on, any less."""
+        half = np.abs(self.model.nodes[:, :2]).max(axis=0)
+        at = {"reach_m": np.stack([-half, half]) - np.array(self.centre_m), "touch_m": self.touch_m}
+        return base_depth_m(self.indenter, self.rotation, **at, from_m=from_m)
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
@@ -264,11 +268,12 @@ class Stepping:
                             remedy=error.remedy,
                         ) from error
                     continue
-                if found.depth_m >= self.base_depth_m:  # shorter steps would lead there too
+                base_m = self.base_depth_m(found.depth_m)
+                if found.depth_m >= base_m:  # shorter steps would lead there too
                     raise ConvergenceError(
                         f"the gel does not carry {phase.goal}: at {point.force_n[2]:.4f} N the "
                         f"indenter is {point.depth_m * 1e3:.4f} mm deep, and at "
-                        f"{self.base_depth_m * 1e3:.4f} mm it is at the gel's base",
+                        f"{base_m * 1e3:.4f} mm it is at the gel's base",
                         remedy="press with less force",
                     )
                 point = self.accept(found)

@@ -20,7 +20,7 @@ from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.load_steps import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from sim.solve.model import Model
 from sim.solve.path_point import PathCounts, PathPoint
-from sim.solve.refused_overlap import OVERLAP_SHARE, base_depth_m
+from sim.solve.refused_overlap import OVERLAP_SHARE
 from sim.solve.weight_and_inertia import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -131,13 +131,6 @@ class LoadingPath(Stepping):
             self.model, self.indenter, self.unloaded, centre_m=self.centre_m, rotation=self.rotation
         )
         self.touch_m += self.blunted_m  # depth counts from where the sharp tip would touch
-        half = np.abs(self.model.nodes[:, :2]).max(axis=0)
-        self.base_depth_m = base_depth_m(
-            self.indenter,
-            self.rotation,
-            reach_m=np.stack([-half, half]) - np.array(self.centre_m),
-            touch_m=self.touch_m,
-        )
         self.setup_s = time.perf_counter() - started
 
     def stiffer(self, factor: float) -> LoadingPath:
@@ -190,8 +183,7 @@ class LoadingPath(Stepping):
         Raises:
             ConfigError: The indenter would be below the gel's base, or at it.
         """
-        most_m = self.base_depth_m
-        if depth_m >= most_m:
+        if depth_m >= (most_m := self.base_depth_m(depth_m)):
             raise ConfigError(
                 f"a depth of {depth_m * 1e3:.4f} mm is more than the gel has room for: at "
                 f"{most_m * 1e3:.4f} mm the indenter is at its base",

@@ -8,7 +8,7 @@ that is the wrong one, and contact pulls the gel's surface, or has none.
 import numpy as np
 
 from sim.contact.surface_and_grip import State
-from sim.scene.indenter import Indenter, Plane, TurnedIndenter
+from sim.scene.indenter import Indenter, MeshIndenter, Plane, TurnedIndenter
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -92,16 +92,21 @@ def faces_gel(forces: FloatArray, outward: FloatArray, *, friction: float) -> bo
 
 
 def base_depth_m(
-    indenter: Indenter, rotation: FloatArray, *, reach_m: FloatArray, touch_m: float
+    indenter: Indenter, rotation: FloatArray, *, reach_m: FloatArray, touch_m: float, from_m: float
 ) -> float:
     """Return the depth at which an indenter's lowest point over the pad is at the gel's base [m].
 
     Args:
         reach_m: Least and greatest x and y of the pad seen from the tip [m], shape [2, 2].
         touch_m: Height of the tip at first touch [m].
+        from_m: If the indenter is not there at this depth [m], a lesser one beyond it will do.
     """
     if isinstance(indenter, Plane) or np.array_equal(rotation, np.eye(3)):
         return touch_m
+    width = indenter.size_m[:2] if isinstance(indenter, MeshIndenter) else indenter.radius_m
+    least = touch_m - float(np.linalg.norm(width) * np.hypot(*rotation[2, :2]))
+    if rotation[2, 2] > 0.0 and least > from_m:
+        return least
     turned = TurnedIndenter(indenter=indenter, rotation=rotation)
     low, high = (np.clip(each, *reach_m) for each in turned.reach())
     axes = [np.linspace(a, b, _SAMPLES) for a, b in zip(low, high, strict=True)]

@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device, filled
 from sim.fields.saved_press import SurfaceState, TopSurface
-from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
+from sim.mesh.elements import FACE_EDGES, QUARTERS, edges_of, quadratic_triangle_values
 from sim.optics.height import pixel_height_kernel as by_pixel
 from sim.optics.height import slope_kernel as kernels
 from sim.scene.indenter import Indenter, IndenterSet, grown
@@ -356,17 +356,14 @@ def _in_four(nodes: IntArray) -> list[IntArray]:
 
 def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
     """Number the nodes that cutting quadratic faces would add after a mesh's own."""
-    ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
-    _, first, edge, uses = np.unique(
-        np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    edge = edge.reshape(-1)
-    order = np.argsort(edge, kind="stable")
-    last = order[np.cumsum(uses) - 1]
+    corners = faces[:, :3]
+    edge = edges_of(corners, FACE_EDGES)[1].reshape(-1)
+    order, uses = np.argsort(edge, kind="stable"), np.bincount(edge)
+    first, last = order[np.cumsum(uses) - uses], order[np.cumsum(uses) - 1]
     other = np.where(np.arange(len(edge)) == first[edge], last[edge], first[edge])
     across = np.where(uses[edge] == 2, other // 3, -1).reshape(-1, 3)
     count, steps = len(_ON_EDGE), np.arange(len(_ON_EDGE))
-    forward = (ends[:, 0] < ends[:, 1])[:, None]
+    forward = (corners < np.roll(corners, -1, axis=1)).reshape(-1, 1)
     on_edges = count * edge[:, None] + np.where(forward, steps, steps[::-1])
     values, straight, parts = cut_face()
     inner = len(values) - 6 - 3 * count

@@ -134,7 +134,7 @@ def test_a_depth_beyond_the_base_is_refused_before_anything_is_solved() -> None:
     assert path.last is None
     reach = np.array([[-9e-3, -9e-3], [9e-3, 9e-3]])
     punch, tilt = Cylinder(diameter_m=5e-3), math.radians(10.0)
-    depth = base_depth_m(punch, tilted(tilt, 0.0), reach_m=reach, touch_m=4e-3)
+    depth = base_depth_m(punch, tilted(tilt, 0.0), reach_m=reach, touch_m=4e-3, from_m=4e-3)
     assert depth == pytest.approx(4e-3 - 2.5e-3 * math.sin(tilt), abs=0.03e-3)
 
 
