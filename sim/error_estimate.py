@@ -81,13 +81,13 @@ class ErrorEstimate:
         return self.relative.get(Output.FORCE)
 
     def beyond_rules(
-        self, scene: Scene, *, depth_m: float, gap: float, ratio_min: float
+        self, scene: Scene, depth_m: float, gap: float, ratio_min: float, *, at_rim: bool = False
     ) -> ErrorEstimate:
         """Return these, with the gap of a press that went deeper than those of the rules.
 
         Args:
             depth_m: How deep it went [m].
-            gap: How far the gel's stress misses the indenter's force, relative to it.
+            gap: How far the gel's stress misses the indenter's force; added ``at_rim`` as well.
             ratio_min: Smallest volume ratio in the gel.
 
         Raises:
@@ -96,9 +96,9 @@ class ErrorEstimate:
         most_m = _FITTED_SHARE * scene.pad.height_m
         if isinstance(scene.indenter, Sphere):  # farther down its side overhangs
             most_m = min(most_m, scene.indenter.radius_m)
-        if self is NOT_ASKED or depth_m <= most_m:
+        if self is NOT_ASKED or not (at_rim or depth_m > most_m):
             return self
-        if self.has_failed or ratio_min <= 0.0:
+        if depth_m > most_m and (self.has_failed or ratio_min <= 0.0):
             why = self.basis if self.has_failed else f"gel is inside out (det F {ratio_min:.3f})"
             raise ConvergenceError(
                 f"at {depth_m * 1e3:.4f} mm nothing tells the error: errors are known to "

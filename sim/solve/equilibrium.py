@@ -18,7 +18,7 @@ taken, and any other is an error.
 
 Where friction holds points to the indenter, their pressure is lagged: it is taken over between
 steps as soon as the residual is small, and has to stand still at the end, or it is left as it is
-after 50 steps. What is bonded knows no pressure: points that touch take hold in the end.
+after 50 or 100 steps. What is bonded knows no pressure: points that touch take hold in the end.
 """
 
 from dataclasses import dataclass, replace

@@ -47,9 +47,9 @@ _GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
-# Under a rim the taking over may change it for ever, by 0.5 to 3 %, and F_z by 0.1 %: after
-# ``holds_until`` steps it ends, where the change is at most this over the residual that is asked.
-_GRIP_AT_LAST = wp.constant(wp.float64(1e4))
+# Under a rim it may change for ever, by 0.1 to 3 %, and F_z by 0.1 %: after ``holds_until`` steps
+# it is held where that is at most this over the residual asked, after twice as many the other.
+_GRIP_AT_LAST, _GRIP_AT_RIM = wp.constant(wp.float64(1e4)), wp.constant(wp.float64(1e-2))
 # Steps with less curvature are not learnt from: s . y over |s| |y|, which rounding would decide.
 _CURVATURE_MIN = wp.constant(wp.float64(1e-12))
 # A change of a gap, or a force, that is none; it keeps quotients finite.
@@ -81,8 +81,9 @@ def _asked(d: Descent, b: wp.int32) -> wp.float64:
 @wp.func
 def _is_held_for_good(d: Descent, b: wp.int32, limits: Limits) -> wp.bool:
     """Return whether lagged pressure is taken over no more."""
-    late = d.recorded[b] >= limits.holds_until
-    return late and d.grip_change[b] <= _GRIP_AT_LAST * d.relative[b]
+    late, later = d.recorded[b] >= limits.holds_until, d.recorded[b] / 2 >= limits.holds_until
+    change = d.grip_change[b]
+    return (later and change <= _GRIP_AT_RIM) or (late and change <= _GRIP_AT_LAST * d.relative[b])
 
 
 @wp.func

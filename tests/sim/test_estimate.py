@@ -1,6 +1,7 @@
 """Estimated errors of a press, and the settings that keep a tolerance."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -91,18 +92,17 @@ def test_a_force_that_fell_on_the_way_is_stated_whole(found: PressOutputs) -> No
         assert "30.00% by which it fell" in told.basis
 
 
-def test_deeper_than_the_rules_go_the_gap_is_added_or_the_press_refused(
-    found: PressOutputs,
-) -> None:
+def test_beyond_the_rules_the_gap_is_added_or_the_press_refused(found: PressOutputs) -> None:
     """Half the pad, or a ball's radius; within, and where time was short, all stays as it is."""
     told = estimate_from(SCENE, PLAN, found, beside(found, 1.0))
     broken, late = failed(ConvergenceError("knotted")), failed(TimeLimitError("late"))
-    within = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
+    within: dict[str, Any] = {"depth_m": 1.4e-3, "gap": 0.4, "ratio_min": -0.1}
     deeper = within | {"depth_m": 1.6e-3, "ratio_min": 0.2}
     assert all(each.beyond_rules(SCENE, **within) is each for each in (told, broken, late))
     assert told.beyond_rules(SCENE, **deeper).force == pytest.approx(
         told.relative[Output.FORCE] + 0.4
     )
+    assert told.beyond_rules(SCENE, **within, at_rim=True).relative[Output.FORCE] > 0.4
     assert told.beyond_rules(SCENE, **deeper | {"gap": 0.0}).relative == told.relative
     small = replace(SCENE, indenter=Sphere(diameter_m=1e-3))
     assert told.beyond_rules(small, **within | {"ratio_min": 0.2}).relative[Output.FORCE] > 0.4
