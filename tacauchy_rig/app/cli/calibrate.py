@@ -12,7 +12,6 @@ import typer
 
 from sim.scene.scene import Preset
 from tacauchy_rig.app.cli import output
-from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.time_limit_and_progress import doing
@@ -250,17 +249,7 @@ def material(
         noise: Standard deviation of a force in a CSV file.
         contact_force: Force at depth zero in CSV files.
     """
-    from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
-        MU,
-        NU,
-        YOUNG,
-        GelFit,
-        contradictions,
-        next_presses,
-        other_unit,
-        predict_left_out,
-        respond,
-    )
+    from tacauchy_rig.app.calibration.material import fit_and_next_presses as fitting
     from tacauchy_rig.app.calibration.material.measured_presses import read_presses
     from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import relaxation_of
 
@@ -275,7 +264,7 @@ def material(
     data = []
     for group in groups:
         output.say(f"{group.name}: {len(group.force_n)} forces; solving")
-        data.append((group, respond(group, jobs=jobs)))
+        data.append((group, fitting.respond(group, jobs=jobs)))
         mesh, own = data[-1][1].uncertain
         output.say(
             "  standard uncertainty of the interpolated forces: "
@@ -283,20 +272,19 @@ def material(
         )
         if group.scatter_n is not None:
             output.say(f"  repeats scatter by {group.scatter_n:.2g} N")
-    fit = GelFit(data=data)
-    told = [fit.interval(place) for place in (YOUNG, NU, MU)]
-    stated = groups[0].inputs.sensor.numbers["material.poisson"]
-    rubbing = stated_uncertainty(groups[0].config, "friction").value
-    beliefs = {NU: (stated.value, stated.uncertainty), MU: (groups[0].inputs.friction, rubbing)}
-    priors = {place: belief for place, belief in beliefs.items() if not told[place].is_bounded}
-    written = GelFit(data=data, priors=priors) if priors else fit
-    # Of the written modulus, together with what the file states beside it.
-    young = written.interval(YOUNG) if priors else told[YOUNG]
+    fit = fitting.GelFit(data=data)
+    told = [fit.interval(place) for place in (fitting.YOUNG, fitting.NU, fitting.MU)]
+    written, young, poisson = fitting.gel_to_write(fit, told)
     _show_gel(fit, told)
-    assumed = [f"{'nu' if k == NU else 'mu'} {m:.3g} +- {u:.2g}" for k, (m, u) in priors.items()]
+    mu, stated = float(written.best[fitting.MU]), written.priors.items()
+    assumed = [f"{'nu' if k == fitting.NU else 'mu'} {m:.3g} +- {u:.2g}" for k, (m, u) in stated]
     if assumed:
         output.say(f"with {' and '.join(assumed)} as stated, E is {_written(young, 1e-6, ' MPa')}")
-    left_out = list(predict_left_out(fit))
+    if poisson.uncertainty and not told[fitting.NU].uncertainty:
+        output.say(
+            f"the presses exclude the sensor's nu; in its place {_written(poisson, 1.0, '')}"
+        )
+    left_out = list(fitting.predict_left_out(fit))
     if left_out:
         held = sum(each.held for each in left_out)
         output.say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
@@ -305,19 +293,18 @@ def material(
         output.say(f"{path}: {term or 'the dwells show no relaxation'}")
     if not terms:
         output.say("relaxation: unknown, a table has no times; record a run with protocol.dwell")
-    wrong = contradictions(fit, left_out)
-    note = None if wrong else other_unit(fit)
+    wrong = fitting.contradictions(fit, left_out)
+    note = None if wrong else fitting.other_unit(fit)
     for sentence in [*wrong, *([f"note: {note}"] if note else [])]:
         output.say(sentence)
-    advice = [] if wrong else next_presses(fit)
+    advice = [] if wrong else fitting.next_presses(fit)
     for each in advice[:ADVISED]:
         output.say(f"next: {each}")
     if out is not None and not wrong:
-        _write(out, written.best.tolist(), young, told[NU], groups)
-    names = ("young", "poisson", "friction")
+        _write(out, mu, young, poisson, groups)
     found = {
-        "told": dict(zip(names, told, strict=True)),
-        "written": {"young": young, "poisson": written.best[NU], "friction": written.best[MU]},
+        "told": dict(zip(("young", "poisson", "friction"), told, strict=True)),
+        "written": {"young": young, "poisson": poisson.best, "friction": mu},
         "left_out": left_out,
         "next": advice,
         "relaxation": terms,
@@ -328,21 +315,16 @@ def material(
 
 
 def _write(
-    out: Path, best: list[float], young: Interval, poisson: Interval, groups: list[IndenterPresses]
+    out: Path, mu: float, young: Interval, poisson: Interval, groups: list[IndenterPresses]
 ) -> None:
-    """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
-    from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import (
-        sensor_text,
-        with_gel,
-    )
+    """Write the sensor file with E, and nu if it is bounded, as they fit the forces together."""
+    from tacauchy_rig.app.calibration.material import relaxation_and_sensor_file as file
 
-    _, nu, mu = best[:3]
     emulated = ", emulated" if any(group.simulated for group in groups) else ""
     count = f"{sum(len(group.force_n) for group in groups)} forces, {len(groups)} indenters"
-    text = sensor_text(groups[0].config.sensor.name)
-    source = f"calibrate material{emulated}: {count}; with nu {nu:.4g}, friction {mu:.2g}"
-    poisson = replace(poisson, best=nu)
-    output.write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
+    text = file.sensor_text(groups[0].config.sensor.name)
+    source = f"calibrate material{emulated}: {count}; with nu {poisson.best:.4g}, friction {mu:.2g}"
+    output.write_text(out, file.with_gel(text, young=young, poisson=poisson, source=source))
     output.say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
 
 

@@ -25,6 +25,7 @@ from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
     Interval,
     Response,
     contradictions,
+    gel_to_write,
     predict_left_out,
     respond,
 )
@@ -33,7 +34,7 @@ from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.settings import RigConfig
+from tacauchy_rig.core.config.settings import RigConfig, stated_uncertainty
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
@@ -44,8 +45,9 @@ BALL, PUNCH, LARGE = (
 )
 SETS = ((BALL,), (BALL, LARGE), (BALL, PUNCH))
 DEPTHS_M = 1e-3 * np.array([0.2, 0.3, 0.4, 0.5, 0.65, 0.8])
-NEW_DEPTHS_M = 1e-3 * np.array([0.25, 0.45, 0.75])
-"""Of a later press, which the written file is to predict."""
+NEW_DEPTHS_M, LATER = 1e-3 * np.array([0.25, 0.45, 0.75]), 10
+"""Of later presses, which the written file is to predict, and their number for each indenter: most
+of what is stated of a force is the zero of depth of its press, so that one press tells little."""
 NOISE_N, ZERO_M, OFF_M, GRAMS, GAIN = 0.005, 0.02e-3, 0.2e-3, 101.97, 0.005
 HELD_MIN, LEFT_OUT_MIN = 0.92, 0.95
 """Parts of the gels, and of the forces left out, whose interval has to hold what is true."""
@@ -152,8 +154,8 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
             for each in (response.area_m2(*gel[1:], DEPTHS_M) / true_areas(name, gel)).tolist()
         ],
         "told": [(found.low, found.best, found.high) for found in told],
-        "held": [holds(found, value) for found, value in zip(told, gel, strict=True)],
-        "closed": [found.is_bounded for found in told],
+        "held": [found.holds(value) for found, value in zip(told, gel, strict=True)],
+        "closed": [found.uncertainty is not None for found in told],
         "left_out": [each.off for each in left_out],
         "written": _off_written(seed, number, fit, told),
         "accused": contradictions(fit, left_out),
@@ -164,30 +166,24 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
     }
 
 
-def holds(found: Interval, value: float) -> bool:
-    """Return whether a value lies within an interval."""
-    low, high = found.low, found.high
-    return (low is None or low <= value) and (high is None or value <= high)
-
-
 def _off_written(seed: int, number: int, fit: GelFit, told: Sequence[Interval]) -> list[float]:
-    """Return how far a later press is off what the written file predicts, over what it states.
+    """Return how far later presses are off what the written file predicts, over what it states.
 
     That are the uncertainties of E and nu in the file, of mu, of the press's zero of depth and gain
     and of the interpolation, and the force's noise.
     """
-    beliefs = {NU: (0.48, 0.01), MU: (0.5, 0.2)}  # what the sensor's file and the rig state
-    priors = {k: each for k, each in beliefs.items() if not told[k].is_bounded}
-    file, off = GelFit(data=fit.data, priors=priors), list[float]()
-    young = file.interval(YOUNG)
-    known = [priors[k][1] if k in priors else told[k].uncertainty or 0.0 for k in (NU, MU)]
-    doubts = [(young.uncertainty or 0.0) / young.best, *known, 1.0]
+    file, young, nu = gel_to_write(fit, told)
+    rubbing = told[MU].uncertainty or stated_uncertainty(fit.data[0][0].config, "friction").value
+    ratio = nu.uncertainty or file.priors[NU][1]
+    doubts, off = [(young.uncertainty or 0.0) / young.best, ratio, rubbing, 1.0], list[float]()
     for presses, response in fit.data:
-        later = presses_of(seed, number, presses.name, NEW_DEPTHS_M, series=1)
-        new, values = GelFit(data=[(later, response)]), np.append(file.best[: MU + 1], 0.0)
+        drawn = partial(presses_of, seed, number, presses.name, NEW_DEPTHS_M)
+        later = [drawn(series=k) for k in range(1, 1 + LATER)]
+        new, values = GelFit(data=[(later[0], response)]), np.append(file.best[: MU + 1], 0.0)
         force, gain = new.forces(values), np.hypot(GAIN, np.hypot(*response.uncertain))
-        errors = [new.slopes(values) * doubts, np.stack([gain * force, later.noise_n], axis=1)]
-        off += ((later.force_n - force) / np.linalg.norm(np.hstack(errors), axis=1)).tolist()
+        errors = [new.slopes(values) * doubts, np.stack([gain * force, later[0].noise_n], axis=1)]
+        total_n = np.linalg.norm(np.hstack(errors), axis=1)
+        off += np.ravel([(each.force_n - force) / total_n for each in later]).tolist()
     return off
 
 
@@ -270,7 +266,7 @@ def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> 
                 "mu; width": friction,
                 "fit's force against the emulator's": "{:+.1%} to {:+.1%}".format(*laws),
                 "left out within theirs": f"{left_out.sum()} of {left_out.size}",
-                "a later press within the written file's": f"{written.sum()} of {written.size}",
+                "later presses within the written file's": f"{written.sum()} of {written.size}",
                 "right data refused": accused,
                 "wrong data refused": ", ".join(f"{name} {n}" for name, n in caught.items()),
             }

@@ -28,6 +28,7 @@ from tacauchy_rig.app.calibration.material.measured_presses import IndenterPress
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.app.replay.uncertain_inputs import force_inputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
+from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -175,10 +176,9 @@ class Interval:
             return None
         return max(self.high - self.best, self.best - self.low) / NORMAL
 
-    @property
-    def is_bounded(self) -> bool:
-        """Whether the interval is closed."""
-        return self.uncertainty is not None
+    def holds(self, value: float) -> bool:
+        """Return whether a value lies within."""
+        return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -325,6 +325,26 @@ class GelFit:
         sides = [(self.forces(parameters + by), self.forces(parameters - by)) for by in steps]
         changes = [up - down for up, down in sides]
         return np.asarray(np.transpose(changes) / (2.0 * np.diag(steps)))
+
+
+def gel_to_write(fit: GelFit, told: Sequence[Interval]) -> tuple[GelFit, Interval, Interval]:
+    """Return the fit, E and nu of the sensor's file; nu is open where the file keeps its own.
+
+    A stated nu or mu counts unless it is determined or excluded: with a nu that the forces exclude,
+    the file would not predict them. The open end of nu's interval is then that of the fit's range.
+    """
+    presses, nu = fit.data[0][0], told[NU]
+    stated = presses.inputs.sensor.numbers["material.poisson"]
+    rubbing = stated_uncertainty(presses.config, "friction").value
+    beliefs = {NU: (stated.value, stated.uncertainty), MU: (presses.inputs.friction, rubbing)}
+    taken = [k for k in beliefs if told[k].uncertainty is None and told[k].holds(beliefs[k][0])]
+    written = GelFit(data=fit.data, priors={k: beliefs[k] for k in taken})
+    young = written.interval(YOUNG)
+    kept = {NU: float(np.clip(stated.value, _LOW[NU], _HIGH[NU]))} if NU in taken else {}
+    nu = nu if kept else replace(nu, low=nu.low or _LOW[NU], high=nu.high or _HIGH[NU])
+    written.best, _ = written.solve(written.best, kept)
+    young_pa, ratio = float(np.exp(written.best[YOUNG])), float(written.best[NU])
+    return written, replace(young, best=young_pa), replace(nu, best=ratio)
 
 
 _RANGES = np.subtract(_HIGH, _LOW)

@@ -16,6 +16,7 @@ from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
     GelFit,
     Interval,
     contradictions,
+    gel_to_write,
     next_presses,
     other_unit,
     predict_left_out,
@@ -28,16 +29,7 @@ from tacauchy_rig.app.calibration.material.relaxation_and_sensor_file import (
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-from tests.studies.gel.command import BALL as DRAWN_BALL
-from tests.studies.gel.command import (
-    DEPTHS_M,
-    drawn_gel,
-    gel_table,
-    holds,
-    judged_gel,
-    response_of,
-    true_areas,
-)
+from tests.studies.gel import command as gels
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
 GEL = {"young_pa": 5e5, "poisson": 0.465, "friction": 0.4}
@@ -45,11 +37,9 @@ BALL = {"power": 1.5, "confined": 2.0}
 PUNCH = {"power": 1.1, "confined": 9.0}
 
 
-def _data(*kinds: tuple[str, dict[str, float]], seed: int = 1) -> Data:
-    return [
-        (made_presses(name, **GEL, **kind, seed=seed), made_response(**kind))
-        for name, kind in kinds
-    ]
+def _data(*kinds: tuple[str, dict[str, float]], poisson: float = GEL["poisson"]) -> Data:
+    gel = GEL | {"poisson": poisson}
+    return [(made_presses(name, **gel, **kind), made_response(**kind)) for name, kind in kinds]
 
 
 ONE = ("sphere:diameter=6mm", BALL)
@@ -62,10 +52,10 @@ def test_two_indenters_tell_a_gel_and_their_zeros() -> None:
     later = replace(data[0][0], depth_m=data[0][0].depth_m + 40e-6)
     fit = GelFit(data=[(later, data[0][1]), data[1]])
     young, poisson, friction = (fit.interval(place) for place in (YOUNG, NU, MU))
-    assert holds(young, GEL["young_pa"])
-    assert poisson.is_bounded
-    assert holds(poisson, GEL["poisson"])
-    assert holds(friction, GEL["friction"])
+    assert young.holds(GEL["young_pa"])
+    assert poisson.uncertainty
+    assert poisson.holds(GEL["poisson"])
+    assert friction.holds(GEL["friction"])
     assert (young.uncertainty or 1e9) < 0.05 * GEL["young_pa"]
     assert fit.zeros_m[0] == pytest.approx(-40e-6, abs=10e-6)
 
@@ -80,9 +70,20 @@ def test_one_indenter_tells_a_valley_and_an_assumed_ratio_picks_a_modulus() -> N
     low, high = (fit.solve(fit.best, {NU: nu})[0][YOUNG] for nu in (0.42, 0.48))
     assert low - high == pytest.approx(2.0 * 0.06, abs=0.03)
     told = GelFit(data=data, priors={NU: (GEL["poisson"], 0.005)})
-    assert told.interval(NU).is_bounded
-    assert holds(told.interval(YOUNG), GEL["young_pa"])
+    assert told.interval(NU).uncertainty
+    assert told.interval(YOUNG).holds(GEL["young_pa"])
     assert (told.interval(YOUNG).uncertainty or 1e9) < (fit.interval(YOUNG).uncertainty or 0.0)
+
+
+def test_a_stated_ratio_that_the_forces_exclude_is_not_kept() -> None:
+    """The file then has the nu that they leave possible, and a modulus that fits it."""
+    fit = GelFit(data=_data(ONE, OTHER, poisson=0.362))
+    file, young, nu = gel_to_write(fit, [fit.interval(place) for place in (YOUNG, NU, MU)])
+    assert NU not in file.priors
+    assert fit.interval(NU).low is None
+    assert nu.uncertainty
+    assert nu.holds(0.362)
+    assert young.holds(GEL["young_pa"])
 
 
 def test_what_another_law_changes_is_interpolated() -> None:
@@ -104,8 +105,8 @@ def test_a_few_forces_fit_what_they_can(count: int) -> None:
         },
     )
     fit = GelFit(data=[(few, response)])
-    assert holds(fit.interval(YOUNG), GEL["young_pa"])
-    assert not fit.interval(NU).is_bounded
+    assert fit.interval(YOUNG).holds(GEL["young_pa"])
+    assert not fit.interval(NU).uncertainty
     left_out = list(predict_left_out(fit))
     assert len(left_out) == (count if count > 1 else 0)
     assert not contradictions(fit, left_out)
@@ -199,12 +200,14 @@ def test_three_emulated_gels_under_a_ball() -> None:
 
     What left-out forces miss, `python -m tests.studies gel` states.
     """
-    gel = drawn_gel(1, 0)
-    response = response_of(DRAWN_BALL)
-    of_law = 1.0 + response.changed_by_law(gel[1], DEPTHS_M)
-    off = of_law * response.area_m2(*gel[1:], DEPTHS_M) / true_areas(DRAWN_BALL, gel)
+    gel = gels.drawn_gel(1, 0)
+    response = gels.response_of(gels.BALL)
+    of_law = 1.0 + response.changed_by_law(gel[1], gels.DEPTHS_M)
+    off = of_law * response.area_m2(*gel[1:], gels.DEPTHS_M) / gels.true_areas(gels.BALL, gel)
     assert off == pytest.approx(1.0, abs=0.015)
-    (row,) = gel_table({(DRAWN_BALL,): [judged_gel(1, k, (DRAWN_BALL,)) for k in range(3)]}).rows
+    (row,) = gels.gel_table(
+        {(gels.BALL,): [gels.judged_gel(1, k, (gels.BALL,)) for k in range(3)]}
+    ).rows
     _, young, *_, accused, caught = map(str, row)
     assert young.startswith("3 of 3;")
     assert accused == "0"
