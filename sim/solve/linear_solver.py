@@ -225,6 +225,7 @@ class StiffnessFactor:
     """Factors the stiffness of one pad under one indenter.
 
     Attributes:
+        name: What factors it.
         attempt: Of the last: 0 the Hessian, above ever safer.
         held: The indenter is; else its height is the last unknown.
     """
@@ -236,6 +237,7 @@ class StiffnessFactor:
     ) -> None:
         self._model, self._indenter, self.potential = model, indenter, potential
         self._solver = linear_solver(model.pattern)
+        self.name = self._solver.name
         # Of a pushed indenter's height: its column [N/m], and what the nodes answer it with.
         self._border: tuple[FloatArray, FloatArray] | None = None
         self._contact_n_m, self._corner = np.zeros(0), 0.0
@@ -243,11 +245,6 @@ class StiffnessFactor:
         self.made, self.attempt, self.held = 0, 0, True
         self.row_count = model.pattern.dof_count + 1
         self.weights = Device(model.device).array(np.ones(self.row_count), wp.float32)
-
-    @property
-    def name(self) -> str:
-        """What factors it."""
-        return self._solver.name
 
     def renew(self, state: State, *, first: int = 0) -> None:
         """Take a state's stiffness, or the first safer one that is positive definite.
