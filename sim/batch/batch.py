@@ -38,9 +38,9 @@ _FLOOR_SHARE = 1e-9
 _SUMMED_SHARE = 1e3
 # Steps that an environment remembers.
 _REMEMBERED = 8
-# Of the pad's height: the longest way of an indenter in one step, of a rounded body without
-# friction and of any other, for which the way matters.
-_STEP_SHARES = (0.2, 0.1)
+# Of the pad's height: the longest way of an indenter in one step, where a sharp edge or friction
+# makes the way matter, and of any other.
+_STEP_SHARES = (0.1, 0.2)
 # Of an edge of the mesh: radius that a sharp edge is given, and up to which a fillet is one.
 _RIM_SHARE = 0.1
 
@@ -131,9 +131,8 @@ class Batch:
         young_pa = np.array([young[touched] for young, _ in own])
         rim_m = _RIM_SHARE * edge_of(model)
         edged = sharp(indenters, rim_m)[np.asarray(which)]
-        longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
-        self._step_m = model.height_m * np.where(careful, short, longest)
+        self._step_m = model.height_m * np.where(careful, *_STEP_SHARES)
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         share = model.young_pa / young_pa
         self.inverse = ContactInverse(model, count=self.count, young_share=share)

@@ -282,7 +282,11 @@ class StiffnessFactor:
         right = on_host(sources)[0]
         solved = np.append(self._solver.solve(right[:-1]), 0.0)
         if not self.held:
-            border, along = self._pushed()
+            if self._border is None:
+                pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
+                row = self._model.pattern.unknowns(pushed)
+                self._border = row, self._solver.solve(row)
+            border, along = self._border
             corner = max(self._corner - float(border @ along), self._least)
             solved[-1] = (right[-1] - solved[:-1] @ border) / corner
             solved[:-1] -= solved[-1] * along
@@ -294,10 +298,3 @@ class StiffnessFactor:
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve for the unknowns without the indenter's height."""
         return self._solver.solve(right)
-
-    def _pushed(self) -> tuple[FloatArray, FloatArray]:
-        if self._border is None:
-            pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
-            border = self._model.pattern.unknowns(pushed)
-            self._border = border, self._solver.solve(border)
-        return self._border
