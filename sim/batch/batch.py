@@ -38,9 +38,9 @@ _FLOOR_SHARE = 1e-9
 _SUMMED_SHARE = 1e3
 # Steps that an environment remembers.
 _REMEMBERED = 8
-# Of the pad's height: the longest way of an indenter in one step, of a rounded body without
-# friction and of any other, for which the way matters.
-_STEP_SHARES = (0.2, 0.1)
+# Of the pad's height: the longest way of an indenter in one step, where a sharp edge or friction
+# makes the way matter, and of any other.
+_STEP_SHARES = (0.1, 0.2)
 # Of an edge of the mesh: radius that a sharp edge is given, and up to which a fillet is one.
 _RIM_SHARE = 0.1
 
@@ -131,13 +131,11 @@ class Batch:
         young_pa = np.array([young[touched] for young, _ in own])
         rim_m = _RIM_SHARE * edge_of(model)
         edged = sharp(indenters, rim_m)[np.asarray(which)]
-        longest, short = _STEP_SHARES
         careful = edged | contact.is_tangential
-        self._step_m = model.height_m * np.where(careful, short, longest)
+        self._step_m = model.height_m * np.where(careful, *_STEP_SHARES)
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
-        self.inverse = ContactInverse(
-            model, count=self.count, young_share=model.young_pa / young_pa
-        )
+        share = model.young_pa / young_pa
+        self.inverse = ContactInverse(model, count=self.count, young_share=share)
         own_bias = bias_of(model, self.inverse).of(edged.astype(int))
         if bias is not None:
             left = bias.of(which)
@@ -146,22 +144,17 @@ class Batch:
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
-        stiffness = stiffness_of(model, edged)
+        surface = model.surface.of(young_pa, mu, stiffness_of(model, edged))
+        bodies = IndenterSet(bodies=self.indenters, which=tuple(map(int, which)), rounding_m=rim_m)
         self.descents = Descents(
             model,
-            IndenterSet(
-                bodies=self.indenters, which=tuple(int(k) for k in which), rounding_m=rim_m
-            ),
+            bodies,
             self.inverse,
             count=self.count,
             gel=self.gel,
-            surface=replaced(
-                TouchedSurface,
-                model.surface.of(young_pa.tolist(), mu.tolist(), stiffness.tolist()),
-                shift=shift,
-            ),
+            surface=replaced(TouchedSurface, surface, shift=shift),
             memory=_REMEMBERED,
-            young_share=model.young_pa / young_pa,
+            young_share=share,
             keeps=True,
         )
         self.inverse.serve(self.descents)
@@ -187,7 +180,7 @@ class Batch:
         put = [self._rest, self._chosen, True, self.poses, self.descents.state, self._history]
         self._put_back = device.record(kernels.put_back, nodes, [*put, self.positions])
         self._frames: dict[int, Frames] = {}
-        self._spreads = self._spreading()
+        self._spreads = self._spreading(hats)
         self.reset()
 
     @property
@@ -315,34 +308,26 @@ class Batch:
         flags = np.ones(self.count, np.bool_) if mask is None else np.asarray(mask, np.bool_)
         return flags.astype(np.int32)
 
-    def _spreading(self) -> tuple[Any, Any]:
-        """Record what sets pressure and shear."""
-        descents, model, record = self.descents, self.model, self._device.record
-        fields, hats = [self.pressure, self.shear], quarter_hats(model.reference.face_points)
-        made, shape = model.surface.kernels, descents.contact_buffers[1].shape
-        at = [descents.pressed, self._device.array(hats, wp.float64)]
-        return (
-            record(made.spread, tuple(shape), [*at, *fields]),
-            record(
-                kernels.per_area,
-                (self.count, len(self.areas_m2)),
-                [self._device.array(self.areas_m2, wp.float64), *fields],
-            ),
-        )
+    def _spreading(self, hats: FloatArray) -> tuple[Any, Any]:
+        """Record what sets pressure and shear, by ``quarter_hats`` at a face's contact points."""
+        device, fields = self._device, [self.pressure, self.shear]
+        made, shape = self.model.surface.kernels, self.descents.contact_buffers[1].shape
+        at = [self.descents.pressed, device.array(hats, wp.float64)]
+        spread = device.record(made.spread, tuple(shape), [*at, *fields])
+        areas = device.array(self.areas_m2, wp.float64)
+        return spread, device.record(kernels.per_area, self.pressure.shape, [areas, *fields])
 
     def _forces(self, found: Any) -> BatchForces:
-        residual, touched = on_host(found.residual).copy(), on_host(found.touched).copy()
-        valid = np.isfinite(residual)
+        names = ("wrench", "residual", "imbalance", "evaluations")
+        same = {name: on_host(getattr(found, name)).copy() for name in names}
+        touched, valid = on_host(found.touched).copy(), np.isfinite(same["residual"])
         return BatchForces(
-            wrench=on_host(found.wrench).copy(),
             raw_wrench=touched[..., :6],
             force_error=on_host(found.error).copy(),
             contact_area_m2=touched[..., 6],
             tips_m=np.where(valid[..., None], on_host(found.tips), np.nan),
-            residual=residual,
-            imbalance=on_host(found.imbalance).copy(),
             valid=valid,
-            evaluations=on_host(found.evaluations).copy(),
+            **same,
         )
 
     def _checked(self, poses: FloatArray) -> FloatArray:
@@ -366,11 +351,7 @@ class Batch:
 def _refuse(
     model: Model, indenters: Sequence[Indenter], which: Any, friction: FloatArray | None
 ) -> None:
-    """End where a batch cannot be made.
-
-    Raises:
-        ConfigError: Says why.
-    """
+    """End by a ConfigError where a batch cannot be made."""
     if model.relaxation is not None or model.mesh.symmetry.copies > 1:
         raise ConfigError(
             "a batch needs a whole pad of a gel that does not relax",

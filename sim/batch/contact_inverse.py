@@ -48,7 +48,6 @@ class ContactInverse:
         numbers[surface] = np.arange(len(surface))
         faces = numbers[model.faces]
         capacity = min(kernels.CAPACITY, len(surface))
-        points = tuple(model.surface.areas.shape)
         self._correction = filled(
             kernels.Correction,
             rows=device.array(rows, wp.int32),
@@ -59,7 +58,7 @@ class ContactInverse:
             held=_HELD_SHARE * model.young_pa * model.height_m,
             shares=device.array(young_share, wp.float64),
             renews=device.zeros(count, wp.int32),
-            stiffness=device.zeros((count, *points), wp.mat33f),
+            stiffness=device.zeros((count, *model.surface.areas.shape), wp.mat33f),
             touching=device.zeros((count, len(surface)), wp.int32),
             local=device.zeros((count, len(surface)), wp.int32),
             counts=device.zeros(count, wp.int32),
@@ -85,7 +84,6 @@ class ContactInverse:
         device, model, c = self._device, self._model, self._correction
         correct, set_tip = kernels.correct_kernels(self.kind)
         made = model.surface.kernels
-        contact_shape = tuple(descents.contact_buffers[1].shape)
         tip_row, state = model.pattern.dof_count, descents.state
         descents.places = self._rest.places(state)
         self._corrected = device.zeros(descents.sources.shape, self.kind)
@@ -95,7 +93,7 @@ class ContactInverse:
             return device.record(kernel, (self._count, threads), inputs, threads)
 
         at = [descents.pressed, c.faces, c.renews, c.stiffness, c.touching]
-        stiffen = device.record(made.stiffen, contact_shape, at)
+        stiffen = device.record(made.stiffen, tuple(descents.contact_buffers[1].shape), at)
         given = [descents.sources, descents.found, self._corrected, self._tips]
         self._launches = (
             device.record(kernels.choose, tuple(c.touching.shape), [state, c]),

@@ -167,19 +167,16 @@ class Frames:
         points = tuple(descents.contact_buffers[1].shape)
         made = model.surface.kernels
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
-        lags = options.friction > 0.0
-        arm_m = _ARM_SHARE * model.height_m
-        begun = [lags, arm_m, self.motions, history, poses, state, descents.memory]
+        begun = [options.friction > 0.0, _ARM_SHARE * model.height_m, self.motions, history]
         put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
-        begin = [record(kernels.begin, own, [*begun, descents.busy])]
+        begin = [record(kernels.begin, own, [*begun, poses, state, descents.memory, descents.busy])]
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
         formed += [self._rest, wp.float64(reach_of(model))]
         at = [descents.pressed, history.arrives]
         # With their own edges, which they have where nothing else rounds them.
         own_edges: Any = descents.indenter
-        own_edges = replace(own_edges, rounding_m=0.0)
-        self._edged = body_of(own_edges, device=self._device.name)
+        self._edged = body_of(replace(own_edges, rounding_m=0.0), device=self._device.name)
         moduli = self._device.array(light_pa, wp.float64)
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
         overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]

@@ -34,11 +34,6 @@ _SOME, _SOME_COLUMNS = Tiling(row_tiles=6, column_tiles=4, depth_warps=4), 256
 _MANY = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
 
 
-def padded_rows(row_count: int) -> int:
-    """Return a row count that the blocks divide."""
-    return -(-row_count // _ROW_PADDING) * _ROW_PADDING
-
-
 class FactoredRest:
     """A sparse factor, for vectors on a processor.
 
@@ -115,24 +110,21 @@ class DenseRest:
         size = model.pattern.dof_count
         whole = -(-size // kernels.BLOCK) * kernels.BLOCK
         room, free = 7 * whole**2, wp.get_device(device.name).free_memory
-        if padded_rows(size + 1) > _MOST_ROWS:
-            raise ConfigError(
-                f"{size} unknowns: a GPU's array holds the inverse of {_MOST_ROWS} at most",
-                remedy="choose a longer edge for the sensor's mesh",
-            )
-        if room > _MEMORY_SHARE * free:
-            raise ConfigError(
-                f"the inverse of {size} unknowns takes {room / 1e9:.1f} GB, and the GPU has "
-                f"{free / 1e9:.1f} GB left",
-                remedy="choose a longer edge for the sensor's mesh",
-            )
+        # At least a row more than there are: what is fixed reads it.
+        self.row_count = -(-(size + 1) // _ROW_PADDING) * _ROW_PADDING
+        why = ""
+        if self.row_count > _MOST_ROWS:
+            why = f"{size} unknowns: a GPU's array holds the inverse of {_MOST_ROWS} at most"
+        elif room > _MEMORY_SHARE * free:
+            why = f"the inverse of {size} unknowns takes {room / 1e9:.1f} GB, and the GPU has "
+            why += f"{free / 1e9:.1f} GB left"
+        if why:
+            raise ConfigError(why, remedy="choose a longer edge for the sensor's mesh")
         inverse = inverted(_dense(model, whole, device), device)
         flat = device.array(rows.reshape(-1), wp.int32)
         self.compliance = device.zeros((rows.size, rows.size), wp.float32)
         device.launch(kernels.block_at, self.compliance.shape, [inverse, flat], [self.compliance])
         self._tiling = _SOME if count <= _SOME_COLUMNS else _MANY
-        # At least a row more than there are: what is fixed reads it.
-        self.row_count = padded_rows(size + 1)
         block_count = -(-count // self._tiling.columns)
         self.blocks, self.few = device.zeros(block_count, wp.int32), device.zeros(1, wp.int32)
         self.column_count = block_count * self._tiling.columns

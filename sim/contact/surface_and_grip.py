@@ -130,9 +130,9 @@ class ContactSurface:
 
     def of(
         self,
-        young_pa: Sequence[float],
-        friction: Sequence[float],
-        stiffness: Sequence[float] | None = None,
+        young_pa: Sequence[float] | FloatArray,
+        friction: Sequence[float] | FloatArray,
+        stiffness: FloatArray | None = None,
     ) -> Any:
         """Return the surface for environments that differ in E [Pa], mu, and kappa over E d_hat."""
         usual = np.full(len(young_pa), self._options.stiffness)
@@ -160,10 +160,8 @@ class ContactSurface:
     ) -> Grip | None:
         """Return the memory of a surface that nothing has touched; None if nothing is kept.
 
-        Args:
-            positions: Nodes [m], shape [node_count, 3].
-            tip: The indenter's [m], shape [3], and its
-            rotation: To the pad's frame, shape [3, 3].
+        Nodes [m] are of shape [node_count, 3], the indenter's tip [m] of shape [3], its rotation to
+        the pad's frame of shape [3, 3].
         """
         if not self._options.is_tangential:
             return None
@@ -202,12 +200,8 @@ class ContactSurface:
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
-        self._device.launch(
-            hessian,
-            (self._shape[0], self._pad.reference.face_node_count),
-            [self._slots, self._surface.values, self._device.array(stiffness, wp.mat33d)],
-            [values],
-        )
+        inputs = [self._slots, self._surface.values, self._device.array(stiffness, wp.mat33d)]
+        self._device.launch(hessian, self._slots.shape[:2], inputs, [values])
 
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
         """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
@@ -224,8 +218,8 @@ class ContactSurface:
         """Hold the points that touch, free the others, and take over pressure and normal."""
         if state.grip is not None:
             buffers = [*self.buffers(1)[:2], *(self._points(wp.float64) for _ in range(2))]
-            lists = [self.grip_arrays(state.grip)], buffers
-            self._regrip(self.kernels.hold, indenter, state, *lists)
+            start = [self.grip_arrays(state.grip)]
+            self._regrip(self.kernels.hold, indenter, state, start, buffers)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:
         """Let the anchors of sliding points follow; the state is then one to go on from."""
@@ -251,11 +245,11 @@ class ContactSurface:
         shape = (count, *self._shape) if self._options.is_tangential else (1, 1, 1)
         return self._device.zeroed(GripArrays, shape)
 
-    def grip_of(self, arrays: Any, b: int = 0) -> Grip | None:
-        """Return an environment's memory from the device; None where nothing is kept."""
+    def grip_of(self, arrays: Any) -> Grip | None:
+        """Return the first environment's memory from the device; None where nothing is kept."""
         if not self._options.is_tangential:
             return None
-        return Grip(**{name: on_host(getattr(arrays, name))[b].copy() for name in _GRIP})
+        return Grip(**{name: on_host(getattr(arrays, name))[0].copy() for name in _GRIP})
 
     @property
     def kernels(self) -> ContactKernels:

@@ -134,9 +134,8 @@ class ElasticBody:
         inputs = [self._arrays, self._device.array(positions, wp.vec3d), projected]
         kernel = kernels.tangent_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, self._shape, inputs, self._tangents)
-        shape = (self._shape[0], self._reference.node_count)
         inputs = [self._arrays, self._slots, *self._tangents]
-        self._device.launch(kernels.hessian, shape, inputs, [values])
+        self._device.launch(kernels.hessian, self._slots.shape[:2], inputs, [values])
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""

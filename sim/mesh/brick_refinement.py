@@ -47,15 +47,15 @@ def brick_mesh(
     Args:
         interface_shares: Of the height, where layers meet, rising.
     """
-    half_x, half_y = pad.half_extents()
     planes = np.array([0.0, *interface_shares, 1.0])
     counts = [math.ceil(part * pad.height_m / spacing_m) for part in np.diff(planes)]
     levels = np.interp(np.arange(sum(counts) + 1), np.cumsum([0, *counts]), planes)
-    axes = [
-        _evenly(0.0 if symmetry.mirror_x else -half_x, half_x, spacing_m),
-        _evenly(0.0 if symmetry.mirror_y else -half_y, half_y, spacing_m),
-        levels,
-    ]
+    axes = []
+    mirrored = symmetry.mirror_x, symmetry.mirror_y
+    for half, is_mirrored in zip(pad.half_extents(), mirrored, strict=True):
+        first = 0.0 if is_mirrored else -half
+        axes.append(np.linspace(first, half, math.ceil((half - first) / spacing_m) + 1))
+    axes.append(levels)
     cells = tuple(len(axis) - 1 for axis in axes)
     vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     vertices[:, 2] *= pad.height_at(vertices[:, 0], vertices[:, 1])
@@ -66,10 +66,6 @@ def brick_mesh(
         layers = above[tets.min(axis=1) % len(levels)].astype(np.int32)
     mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry, layers=layers)
     return oriented(mesh)
-
-
-def _evenly(first: float, last: float, spacing: float) -> FloatArray:
-    return np.linspace(first, last, math.ceil((last - first) / spacing) + 1)
 
 
 def kuhn_tets(cells: tuple[int, ...]) -> IntArray:

@@ -132,14 +132,10 @@ def read_mesh(path: Path) -> TetMesh:
 
 def write_mesh(path: Path, mesh: TetMesh) -> None:
     """Write a mesh file, whole or not at all."""
-    layers: dict[str, Any] = {} if mesh.layers is None else {"layers": mesh.layers}
+    arrays: dict[str, Any] = {"vertices": mesh.vertices, "tets": mesh.tets, "name": mesh.name}
+    arrays["content_hash"] = mesh.content_hash
+    if mesh.layers is not None:
+        arrays["layers"] = mesh.layers
     contents = BytesIO()
-    np.savez_compressed(
-        contents,
-        vertices=mesh.vertices,
-        tets=mesh.tets,
-        name=np.array(mesh.name),
-        content_hash=np.array(mesh.content_hash),
-        **layers,
-    )
+    np.savez_compressed(contents, **arrays)
     write_atomically(path, contents.getvalue())

@@ -51,8 +51,9 @@ class Footprint:
         """Return what both cover; the area is the larger one."""
         pairs = (self.edge, other.edge), (self.rim, other.rim), (self.inside, other.inside)
         edge, rim, inside = (np.concatenate(pair) for pair in pairs)
-        area_m2 = max(self.area_m2, other.area_m2)
-        return Footprint(edge=edge, rim=rim, inside=inside, area_m2=area_m2)
+        return Footprint(
+            edge=edge, rim=rim, inside=inside, area_m2=max(self.area_m2, other.area_m2)
+        )
 
 
 def footprint(

@@ -192,14 +192,13 @@ def pad_surface(
             )
         return pad.surface.vertices, pad.surface.faces
     plan, rim_count = _plan(pad, spacing_m)
-    top = np.column_stack([plan, pad.height_at(plan[:, 0], plan[:, 1])])
-    bottom = np.column_stack([plan, np.zeros(len(plan))])
+    heights, shares = pad.height_at(plan[:, 0], plan[:, 1]), (1.0, 0.0, *interface_shares)
+    sheets = [np.column_stack([plan, share * heights]) for share in shares]
     triangles = triangulated(plan)
     walls = ring_walls(np.arange(rim_count) + np.array([[len(plan)], [0]]))
-    sheets = [np.column_stack([plan, share * top[:, 2]]) for share in interface_shares]
-    cuts = [triangles + (2 + number) * len(plan) for number in range(len(sheets))]
+    cuts = [triangles + number * len(plan) for number in range(2, len(sheets))]
     faces = np.concatenate([triangles, triangles[:, ::-1] + len(plan), walls, *cuts])
-    return np.concatenate([top, bottom, *sheets]), faces.astype(np.int32)
+    return np.concatenate(sheets), faces.astype(np.int32)
 
 
 def _plan(pad: ParametricPad, spacing_m: float) -> tuple[FloatArray, int]:

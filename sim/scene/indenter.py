@@ -157,8 +157,7 @@ def grown(indenter: Indenter, by_m: float) -> Indenter:
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m)
     if isinstance(indenter, MeshIndenter):
         if indenter.rounding_m > 0.0:
-            rounding_m = indenter.rounding_m + by_m
-            return _bounded(indenter, indenter.surface, by_m, rounding_m=rounding_m)
+            return _bounded(indenter, indenter.surface, by_m, rounding_m=indenter.rounding_m + by_m)
         return _bounded(indenter, offset(indenter.surface, by_m), by_m, rounding_m=0.0)
     return indenter
 
@@ -194,9 +193,18 @@ def mesh_indenter(vertices: FloatArray, faces: IntArray, *, name: str) -> MeshIn
     Raises:
         ConfigError: The surface is not closed, contradicts itself, or has no likely size.
     """
-    _check_extents(np.ptp(vertices, axis=0), name)
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    lowest = vertices[vertices[:, 2] <= vertices[:, 2].min() + _SAME_HEIGHT * size]
+    extents_m = np.ptp(vertices, axis=0)
+    if not _SIZE_MIN_M <= extents_m.max() <= _SIZE_MAX_M:
+        sizes = " x ".join(f"{extent * 1e3:.4g}" for extent in extents_m)
+        raise ConfigError(
+            f"mesh {name} measures {sizes} mm, which is no indenter's size "
+            f"({_SIZE_MIN_M * 1e3:g} mm to {_SIZE_MAX_M * 1e3:g} mm)",
+            remedy=f"name the file's unit: mesh:FILE,unit={'|'.join(MeshUnit)}",
+        )
+    if not extents_m.min() > 0.0:
+        raise ConfigError(f"mesh {name} is flat", remedy="export a solid body")
+    near_m = _SAME_HEIGHT * float(np.linalg.norm(extents_m))
+    lowest = vertices[vertices[:, 2] <= vertices[:, 2].min() + near_m]
     tip = np.append(0.5 * (lowest.min(axis=0) + lowest.max(axis=0))[:2], lowest[:, 2].min())
     surface = closed_surface(vertices - tip, faces, name=name)
     return MeshIndenter(surface=surface, name=name, content_hash=surface.content_hash)
@@ -226,19 +234,6 @@ def read_mesh_indenter(
         )
     rounded = found.with_edges(edge_m)
     return _bounded(rounded, rounded.surface, -rounded.blunted_m, rounding_m=edge_m)
-
-
-def _check_extents(extents_m: FloatArray, name: str) -> None:
-    largest = float(extents_m.max())
-    if not _SIZE_MIN_M <= largest <= _SIZE_MAX_M:
-        sizes = " x ".join(f"{extent * 1e3:.4g}" for extent in extents_m)
-        raise ConfigError(
-            f"mesh {name} measures {sizes} mm, which is no indenter's size "
-            f"({_SIZE_MIN_M * 1e3:g} mm to {_SIZE_MAX_M * 1e3:g} mm)",
-            remedy=f"name the file's unit: mesh:FILE,unit={'|'.join(MeshUnit)}",
-        )
-    if not float(extents_m.min()) > 0.0:
-        raise ConfigError(f"mesh {name} is flat", remedy="export a solid body")
 
 
 _LENGTH_PER_DIAMETER = 2.0

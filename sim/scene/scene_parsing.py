@@ -6,7 +6,6 @@ missing, out of range or without its unit, and a mesh that bounds no pad or body
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import Layer, Material
@@ -18,7 +17,7 @@ from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, names, unknown
 
 _ROUND = {"diameter": (Dimension.LENGTH, "5mm")}
-_FILLET = {"fillet": (Dimension.LENGTH, "0.3mm")}
+_CYLINDER = {**_ROUND, "fillet": (Dimension.LENGTH, "0.3mm")}
 _DISC = {"radius": (Dimension.LENGTH, "12mm"), "height": (Dimension.LENGTH, "4.5mm")}
 _LAYER = {
     "share": (Dimension.RATIO, "0.925"),
@@ -86,7 +85,7 @@ def parse_indenter(text: str) -> Indenter:
 
 def parse_cylinder(sizes: str) -> Cylinder:
     """Read ``diameter=[,fillet=]``."""
-    given = _sizes(sizes, _ROUND, allowed=_FILLET, field="--indenter cylinder")
+    given = _sizes(sizes, _CYLINDER, optional=("fillet",), field="--indenter cylinder")
     return Cylinder(diameter_m=given["diameter"], fillet_m=given.get("fillet", 0.0))
 
 
@@ -104,8 +103,7 @@ def parse_mesh(text: str) -> MeshIndenter:
     """Read ``FILE[,unit=][,edge=]``; triangle files name no unit, so millimetres are assumed."""
     text, _, edge = text.partition(",edge=")
     file, unit = _file_and_unit(text, "--indenter", default=MeshUnit.MILLIMETRE)
-    length = Dimension.LENGTH
-    radius_m = parse_quantity(edge, dimension=length, field="--indenter edge") if edge else 0.0
+    radius_m = parse_quantity(edge or "0mm", dimension=Dimension.LENGTH, field="--indenter edge")
     return read_mesh_indenter(file, unit=unit, edge_m=radius_m)
 
 
@@ -154,14 +152,13 @@ def parse_switch(text: str) -> tuple[Effect, bool]:
 
 def _sizes(
     text: str,
-    needed: Mapping[str, tuple[Dimension, str]],
+    known: Mapping[str, tuple[Dimension, str]],
     *,
     field: str,
-    allowed: Mapping[str, tuple[Dimension, str]] = MappingProxyType({}),
+    optional: tuple[str, ...] = (),
 ) -> dict[str, float]:
     """Read ``NAME=VALUE,NAME=VALUE``; of each name its dimension, and an example for messages."""
     found: dict[str, float] = {}
-    known = {**needed, **allowed}
     for part in filter(None, text.split(",")):
         name, _, value = part.partition("=")
         if name not in known:
@@ -169,8 +166,8 @@ def _sizes(
                 f"{field}: unknown size {name!r}", remedy=f"sizes are: {', '.join(known)}"
             )
         found[name] = parse_quantity(value, dimension=known[name][0], field=f"{field} {name}")
-    missing = [name for name in needed if name not in found]
+    missing = [name for name in known if name not in found and name not in optional]
     if missing:
-        example = needed[missing[0]][1]
+        example = known[missing[0]][1]
         raise ConfigError(f"{field}: no {', '.join(missing)}", remedy=f"add {missing[0]}={example}")
     return found

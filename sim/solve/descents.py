@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim.contact.barrier_and_friction_kernels import Pressed
 from sim.contact.indenter_distance import body_of, poses_at
-from sim.contact.surface_and_grip import ContactForces, ContactSurface, Grip, State
+from sim.contact.surface_and_grip import ContactForces, Grip, State
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels
@@ -114,11 +114,9 @@ class Descents:
         )
         self.state = device.zeroed(kernels.Descent, (count,), residuals=(count, 6))
         self.state.slot.assign(np.arange(count, dtype=np.int32))
-        names = vars(kernels.Descent)["vars"]
         # On the CPU these views share the device's memory, and are made once.
-        self._views = (
-            {} if device.is_gpu else {name: getattr(self.state, name).numpy() for name in names}
-        )
+        names = () if device.is_gpu else vars(kernels.Descent)["vars"]
+        self._views = {name: getattr(self.state, name).numpy() for name in names}
         self.places: Any = None
         rows, nodes = model.pattern.dof_count + 1, len(model.nodes)
         self._allocate(memory, rows)
@@ -133,13 +131,10 @@ class Descents:
             grip=self.grip,
             positions=self.positions,
         )
-        self.gel_buffers, self.contact_buffers = (
-            model.gel.buffers(count),
-            model.surface.buffers(count),
-        )
-        self.grip_buffers = [
-            device.zeros(self.contact_buffers[1].shape, wp.float64) for _ in range(2)
-        ]
+        self.gel_buffers = model.gel.buffers(count)
+        self.contact_buffers = model.surface.buffers(count)
+        points = self.contact_buffers[1].shape
+        self.grip_buffers = [device.zeros(points, wp.float64) for _ in range(2)]
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
@@ -196,7 +191,11 @@ class Descents:
         if self.places is not None:
             self.places.launch()
         self._prepare.launch()
-        self._invert()
+        asked = None
+        if not self._device.is_gpu or not self._inverse.scaled:
+            asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
+        if asked is None or len(asked):
+            self._inverse.apply(asked, self.sources, self.found)
         self._turn.launch()
 
     def get(self, name: str) -> NDArray[Any]:
@@ -254,13 +253,6 @@ class Descents:
         for array in (self.gel_buffers[0], self.contact_buffers[0]):
             array.zero_()
 
-    def _invert(self) -> None:
-        asked = None
-        if not self._device.is_gpu or not self._inverse.scaled:
-            asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
-        if asked is None or len(asked):
-            self._inverse.apply(asked, self.sources, self.found)
-
     def _allocate(self, memory: int, rows: int) -> None:
         device, count = self._device, self.count
         points = int(np.prod(self.model.surface.areas.shape))
@@ -277,7 +269,7 @@ class Descents:
 
     def _record(self, *, pulls: bool) -> None:
         """Record the launches, which are then made again and again."""
-        model, device, surface = self.model, self._device, self.model.surface
+        model, device, made = self.model, self._device, self.model.surface.kernels
         evaluated = self._evaluated()
         grips, threads = model.contact_options.is_tangential, self.threads
         judge, prepare, turn = descent_kernels(grips=grips, pulls=pulls, threads=threads)
@@ -287,29 +279,22 @@ class Descents:
             return device.record(kernel, (self.count, threads), inputs, threads)
 
         own = [self.state, self.memory]
+        judged = [self._limits, self._dofs, self._pull, evaluated, *own]
         self._judge, self._judge_again = (
-            recorded(
-                judge, [self._limits, self._dofs, self._pull, evaluated, *own, again, self.busy]
-            )
-            for again in (False, True)
+            recorded(judge, [*judged, again, self.busy]) for again in (False, True)
         )
         asks = [self.state, evaluated, self.memory, self.sources]
         self._prepare = recorded(prepare, [self._dofs, scaled, self._inverse.weights, *asks])
         found = [units, self._inverse.weights, self.found, *own, evaluated, self.busy]
         self._turn = recorded(turn, [self._limits, self._dofs, scaled, *found])
         self.renew_gel()
-        self._touch, self._hold = self._contact_launches(surface)
-
-    def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
-        made, device = surface.kernels, self._device
-        shape = tuple(self.contact_buffers[1].shape)
-        given = [self.pressed, self.state.wanted, *self.contact_buffers]
-        touch = device.record(made.touch, shape, given)
-        if not self._limits.lags:
-            return touch, None
-        held = [self.pressed, self.state.holding, self.grip_start]
-        room = [*self.contact_buffers[:2], *self.grip_buffers]
-        return touch, device.record(made.hold, shape, [*held, *room])
+        self._hold, shape = None, tuple(self.contact_buffers[1].shape)
+        touched = [self.pressed, self.state.wanted, *self.contact_buffers]
+        self._touch = device.record(made.touch, shape, touched)
+        if self._limits.lags:
+            held = [self.pressed, self.state.holding, self.grip_start]
+            room = [*self.contact_buffers[:2], *self.grip_buffers]
+            self._hold = device.record(made.hold, shape, [*held, *room])
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""

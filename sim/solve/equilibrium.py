@@ -22,7 +22,6 @@ after 50 or 100 steps. What is bonded knows no pressure: points that touch take 
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -131,14 +130,13 @@ class EquilibriumSolver:
             memory=self.reuse.memory,
             patience=self.reuse.patience,
         )
-        self._begins_anew = True
-        self._was_held = True
+        self._begins_anew = self._was_held = True
         self._extensions: tuple[float, ...] = (model.contact_options.extension, *EXTENSIONS)
 
     @property
     def evaluations(self) -> int:
         """Of the forces, made so far."""
-        return int(self._descents.get("evaluations")[0])
+        return int(self._now("evaluations"))
 
     def replace_potential(self, potential: Potential | None) -> None:
         """Take another energy of the nodes from now on."""
@@ -171,7 +169,6 @@ class EquilibriumSolver:
         begins_anew, start, error = self._begins_anew, state.copy(), None
         self._begins_anew = True  # where this one fails
         self.factor.held = load_n is None
-        floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
         # What was too stiff a while ago is likely to be so again.
         for extension in [each for each in self._extensions if each <= state.extension]:
             state.extension = extension
@@ -179,7 +176,7 @@ class EquilibriumSolver:
                 pushed=int(load_n is not None),
                 load=load_n or 0.0,
                 relative=options.residual_relative,
-                floor=floor,
+                floor=_FLOOR_SHARE * self.model.young_pa * self.model.height_m**2,
                 steps_max=options.iteration_max,
                 gap_least=contact.gap_least_m(extension),
                 rounding=self.model.gel.rounding_n,
@@ -190,7 +187,7 @@ class EquilibriumSolver:
             if begins_anew:
                 self.take_factor(state)
             first, status = self.evaluations, self._run(state, grip_start)
-            spent += int(descents.get("steps")[0])
+            spent += int(self._now("steps"))
             if status == Status.DONE:
                 found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
@@ -201,7 +198,7 @@ class EquilibriumSolver:
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
                     extension,
                 )
-            gap = float(descents.get("gap_min")[0])
+            gap = self._now("gap_min")
             if status == Status.DONE or gap < -2.0 * OVERLAP_SHARE * self.model.height_m:
                 # Inside of the indenter nobody knows the way out.
                 state.positions, state.tip = start.positions.copy(), start.tip.copy()
@@ -242,12 +239,10 @@ class EquilibriumSolver:
         while True:
             check_time()
             descents.step()
-            steps = int(descents.get("steps")[0])
-            if steps > counted:
-                self.energies_j.append(float(descents.get("energy")[0]))
+            if (steps := int(self._now("steps"))) > counted:
+                self.energies_j.append(self._now("energy"))
                 counted = steps
-            status = int(descents.get("status")[0])
-            if status == Status.RUNNING:
+            if (status := int(self._now("status"))) == Status.RUNNING:
                 continue
             state.positions = on_host(descents.positions)[0].copy()
             state.tip = on_host(descents.poses.tips)[0].copy()
@@ -267,26 +262,18 @@ class EquilibriumSolver:
             descents.set(status=Status.RUNNING)
 
     def _stopped(self, status: int) -> ConvergenceError:
-        found = {
-            name: float(self._descents.get(name)[0])
-            for name in ("steps", "slope", "residual", "scale")
-        }
+        steps, slope = self._now("steps"), self._now("slope")
+        remedy = "press less deep, give the indenter a fillet, or take a finer --preset"
         if status == Status.NOT_FINITE:
-            return ConvergenceError(
-                f"the residual is not finite after {found['steps']:.0f} steps",
-                remedy="press less deep, or use the stable-neo-hookean law",
-            )
-        if status == Status.NO_DESCENT:
-            return ConvergenceError(
-                "the line search found no descent along a direction of slope "
-                f"{found['slope']:.3g} J",
-                remedy="press less deep, give the indenter a fillet, or take a finer --preset",
-            )
-        return ConvergenceError(
-            f"no equilibrium after {found['steps']:.0f} steps: residual {found['residual']:.3g} N "
-            f"at a contact force of {found['scale']:.4g} N",
-            remedy="press less deep, give the indenter a fillet, or take a finer --preset",
-        )
+            message = f"the residual is not finite after {steps:.0f} steps"
+            remedy = "press less deep, or use the stable-neo-hookean law"
+        elif status == Status.NO_DESCENT:
+            message = f"the line search found no descent along a direction of slope {slope:.3g} J"
+        else:
+            residual, scale = self._now("residual"), self._now("scale")
+            message = f"no equilibrium after {steps:.0f} steps: residual {residual:.3g} N "
+            message += f"at a contact force of {scale:.4g} N"
+        return ConvergenceError(message, remedy=remedy)
 
     def _look_at_start(self, state: State) -> None:
         """Begin at rest in place of a start that is inside out."""
@@ -297,20 +284,21 @@ class EquilibriumSolver:
         refuse_deep_overlap(model, self.indenter, state)
 
     def _equilibrium(self, iterations: int) -> Equilibrium:
-        descents = self._descents
-        found: dict[str, Any] = {
-            name: float(descents.get(name)[0])
-            for name in ("residual", "ratio_min", "relative", "scale", "floor")
-        }
+        descents, residual_n = self._descents, self._now("residual")
+        enough_n = max(self._now("relative") * self._now("scale"), self._now("floor"))
         return Equilibrium(
             iterations=iterations,
             push_n=descents.get("push")[0].copy(),
             contact=descents.contact(),
             elastic_gradient=on_host(descents.gel_buffers[0])[0].copy(),
-            residual_n=found["residual"],
-            min_jacobian=found["ratio_min"],
-            stalled=found["residual"] > max(found["relative"] * found["scale"], found["floor"]),
+            residual_n=residual_n,
+            min_jacobian=self._now("ratio_min"),
+            stalled=residual_n > enough_n,
         )
+
+    def _now(self, name: str) -> float:
+        """Return one of the descent's numbers."""
+        return float(self._descents.get(name)[0])
 
     def _upload(self, state: State, grip_start: Grip | None) -> None:
         self._descents.place(0, state, grip_start=grip_start)

@@ -61,7 +61,10 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
         step = missing / max(point.stiffness_n_m, _NO_STIFFNESS_N_M)
         depth = point.depth_m + min(max(step, -longest), longest)
         if low is not None and high is not None:
-            depth = _bracketed(depth, low, high, force_n, halved=len(history) % _HALVED_EVERY == 0)
+            halves = len(history) % _HALVED_EVERY == 0
+            if halves or not low.depth_m < depth < high.depth_m:
+                share = 0.5 if halves else (force_n - _force(low)) / (_force(high) - _force(low))
+                depth = low.depth_m + share * (high.depth_m - low.depth_m)
         point = path.advance(depth, start=point)
         history.append((point.depth_m, _force(point)))
     depth, nearest = min(history, key=lambda pair: abs(pair[1] - force_n))
@@ -74,13 +77,3 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
 
 def _force(point: PathPoint) -> float:
     return float(point.force_n[2])
-
-
-def _bracketed(
-    depth_m: float, low: PathPoint, high: PathPoint, force_n: float, *, halved: bool
-) -> float:
-    """Keep a guess inside the bracket; ``halved`` bisects, so that the bracket shrinks for sure."""
-    if low.depth_m < depth_m < high.depth_m and not halved:
-        return depth_m
-    share = 0.5 if halved else (force_n - _force(low)) / (_force(high) - _force(low))
-    return low.depth_m + share * (high.depth_m - low.depth_m)

@@ -225,6 +225,7 @@ class StiffnessFactor:
     """Factors the stiffness of one pad under one indenter.
 
     Attributes:
+        name: What factors it.
         attempt: Of the last: 0 the Hessian, above ever safer.
         held: The indenter is; else its height is the last unknown.
     """
@@ -236,6 +237,7 @@ class StiffnessFactor:
     ) -> None:
         self._model, self._indenter, self.potential = model, indenter, potential
         self._solver = linear_solver(model.pattern)
+        self.name = self._solver.name
         # Of a pushed indenter's height: its column [N/m], and what the nodes answer it with.
         self._border: tuple[FloatArray, FloatArray] | None = None
         self._contact_n_m, self._corner = np.zeros(0), 0.0
@@ -243,11 +245,6 @@ class StiffnessFactor:
         self.made, self.attempt, self.held = 0, 0, True
         self.row_count = model.pattern.dof_count + 1
         self.weights = Device(model.device).array(np.ones(self.row_count), wp.float32)
-
-    @property
-    def name(self) -> str:
-        """What factors it."""
-        return self._solver.name
 
     def renew(self, state: State, *, first: int = 0) -> None:
         """Take a state's stiffness, or the first safer one that is positive definite.
@@ -285,7 +282,11 @@ class StiffnessFactor:
         right = on_host(sources)[0]
         solved = np.append(self._solver.solve(right[:-1]), 0.0)
         if not self.held:
-            border, along = self._pushed()
+            if self._border is None:
+                pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
+                row = self._model.pattern.unknowns(pushed)
+                self._border = row, self._solver.solve(row)
+            border, along = self._border
             corner = max(self._corner - float(border @ along), self._least)
             solved[-1] = (right[-1] - solved[:-1] @ border) / corner
             solved[:-1] -= solved[-1] * along
@@ -297,10 +298,3 @@ class StiffnessFactor:
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve for the unknowns without the indenter's height."""
         return self._solver.solve(right)
-
-    def _pushed(self) -> tuple[FloatArray, FloatArray]:
-        if self._border is None:
-            pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
-            border = self._model.pattern.unknowns(pushed)
-            self._border = border, self._solver.solve(border)
-        return self._border

@@ -42,11 +42,9 @@ def unloaded_positions(
     Raises:
         ConvergenceError: No equilibrium was found.
     """
-    stress = model.law.rest_stress(model.young_pa, model.poisson)
-    if stress == 0.0 and potential is None:
+    if potential is None and model.law.rest_stress(model.young_pa, model.poisson) == 0.0:
         return model.nodes
-    high = _CLEARANCE_HEIGHTS * float(model.nodes[:, 2].max())
-    state = model.rest_state(tip=np.array([0.0, 0.0, high]))
+    state = model.rest_state(tip=np.array([0.0, 0.0, _CLEARANCE_HEIGHTS * model.height_m]))
     EquilibriumSolver(model, Plane(), potential).settle(state, options=options)
     return state.positions
 
@@ -302,11 +300,9 @@ class LoadingPath(Stepping):
         # Points that take hold, or have mass, remember an intermediate state as it is found.
         remembers = options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
-        touches = self.must_touch(depth)
+        start, touches = self.untouched(depth), self.must_touch(depth)
         with doing(f"finding the first equilibrium, {depth * 1e3:.4f} mm deep"):
-            point = self.settle(
-                self.untouched(depth), intermediate=intermediate, must_touch=touches
-            )
+            point = self.settle(start, intermediate=intermediate, must_touch=touches)
         return self.accept(point)
 
     def _touching_share(

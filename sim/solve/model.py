@@ -61,13 +61,9 @@ class Model:
         self.volume_m3 = float(pad.volumes.sum())
         self.height_m = float(pad.nodes[:, 2].max())
         self.energy_scale_j = float(young @ pad.volumes)
-        self._device = Device(device)
-        self.gel = ElasticBody(
-            pad, law=law, young_pa=young, poisson=ratio, prony=prony, device=self._device
-        )
-        self.surface = ContactSurface(
-            pad, self.contact_options, young_pa=self.young_pa, device=self._device
-        )
+        self._device = on = Device(device)
+        self.gel = ElasticBody(pad, law=law, young_pa=young, poisson=ratio, prony=prony, device=on)
+        self.surface = ContactSurface(pad, self.contact_options, young_pa=self.young_pa, device=on)
         self.relaxation = self.gel.relaxation
         self.materials, self._prony = (young, ratio), prony
 

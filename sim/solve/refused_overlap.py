@@ -60,15 +60,13 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
     if deepest <= 4.0 * OVERLAP_SHARE * model.height_m:
         return
     message = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
-    remedy = "start with the indenter above the gel and press it in"
-    if deepest >= _PENETRATION_SHARE * model.height_m:
-        raise ConvergenceError(message, remedy=remedy)
-    at = np.unravel_index(np.argmin(found.gaps), found.gaps.shape)
-    push, outward = found.forces[at], model.surface.area_vectors(state.positions)[at]
-    if push @ outward < _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
-        raise ConvergenceError(
-            f"{message}, where its nearest side does not face the gel", remedy=remedy
-        )
+    if deepest < _PENETRATION_SHARE * model.height_m:
+        at = np.unravel_index(np.argmin(found.gaps), found.gaps.shape)
+        push, outward = found.forces[at], model.surface.area_vectors(state.positions)[at]
+        if push @ outward >= _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
+            return
+        message += ", where its nearest side does not face the gel"
+    raise ConvergenceError(message, remedy="start with the indenter above the gel and press it in")
 
 
 # What presses has 0.9 to 1.0, under the folds of a deep sharp rim too; what has passed through, a

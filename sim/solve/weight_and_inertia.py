@@ -60,10 +60,9 @@ def pull_of(potential: Potential | None, device: Device) -> Any:
     """Return it for the kernels."""
     if potential is None:
         return device.zeroed(Pull, (1,))
-    names = "stiffness", "towards", "force", "rest"
-    parts = potential.diagonal(), potential.towards_m, potential.force_n, potential.rest_m
-    tables = {name: part.reshape(-1) for name, part in zip(names, parts, strict=True)}
-    return device.tables(Pull, tables)
+    parts = {"stiffness": potential.diagonal(), "towards": potential.towards_m}
+    parts |= {"force": potential.force_n, "rest": potential.rest_m}
+    return device.tables(Pull, {name: part.reshape(-1) for name, part in parts.items()})
 
 
 # Of a tetrahedron's mass, node by node.
