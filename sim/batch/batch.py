@@ -140,7 +140,8 @@ class Batch:
         if bias is not None:
             left = bias.of(which)
             own_bias = left._replace(known=left.known + own_bias.known)
-        self._bias, self._light_pa = own_bias, light_moduli(model, young_pa)
+        poisson = np.array([poisson[touched] for _, poisson in own])
+        self._bias, self._light_pa = own_bias, light_moduli(model, young_pa, poisson)
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)

@@ -1,16 +1,17 @@
-"""Warp kernel: what indenters overlap of the resting gel, which tells the force of light contacts.
+"""Warp kernel: what indenters overlap of the resting gel, which gives the force of light contacts.
 
 A light contact touches so few points that its force on the mesh depends on where they lie. The
-overlap of the body, with its own edges, and the resting gel tells it better. With pressure like its
-depth g along z (Ritz's method on a half-space), stiffened by the pad's base at z,
+overlap of the body, with its own edges, and the resting gel predicts it better. With pressure like
+the overlap's depth g along z (Ritz's method on a half-space), stiffened by the base of gel that is
+z high there,
 
-    F_light = light E / (1 - nu^2) mean(g) r exp(near_base r / z)
+    F_light = 3.2 E / (1 - nu^2) mean(g) r exp(2.73 r / z)
 
-with means weighted by g, and r from the standard deviations along the overlap's axes: r = (sqrt r_1
-+ sqrt r_2)^2 / 4. Both numbers hold for balls, punches and prisms: F_light is within 6 % of the
-force of 91 drawn presses on two sensors that counts it by 0.3 or more. By a share of
-exp(-(r / 0.5 h)^4 - (mean(g) / 0.9 r)^4) the logarithm of F is that of F_light, where h is how
-near points have to be to touch: an edge, and where contact begins.
+with means weighted by g, and r = (sqrt r_1 + sqrt r_2)^2 / 4 of the standard deviations r_1 and
+r_2 along the overlap's axes. Both numbers hold for balls, punches and prisms. The logarithm of F is
+that of F_light by a share of exp(-(r / (0.5 h))^4 - (mean(g) / (0.9 r))^4), with h the gap within
+which a point's face may touch. In the 91 of 110 drawn light presses on two sensors whose share is
+0.3 or more, F_light is within 6 % of presses on fine meshes.
 """
 
 import warp as wp
@@ -18,11 +19,11 @@ import warp as wp
 from sim.contact.indenter_distance import Body, Poses, nearby_gap, posed
 from sim.scene.triangle_distance import hit_below
 
-# Samples along a side of the grid over an overlap, and how often the grid closes in on it.
+# Samples along a side of the grid over an overlap, and how often it is laid: it closes in.
 _SIDE, _SAMPLES, _LOOKS = wp.constant(32), wp.constant(32 * 32), wp.constant(2)
 _CELL = wp.constant(wp.float64(1.0 / 32.0))
-# Of a light contact: F over E / (1 - nu^2) mean(g) r, how a base at hand stiffens it, radius over
-# ``reach`` and mean depth over radius where it ends.
+# Of a light contact: F over E / (1 - nu^2) mean(g) r, how the base stiffens it, radius over
+# ``reach`` and mean depth over radius where its share is 1 / e.
 _FORCE, _NEAR_BASE = wp.constant(wp.float64(3.2)), wp.constant(wp.float64(2.73))
 _LIGHT, _STEEP = wp.constant(wp.float64(0.5)), wp.constant(wp.float64(0.9))
 # Of the pad's height: mean overlap from which errors of F_z grow.
@@ -33,18 +34,18 @@ _RISES, _MET_M, _FLATTEST = (
     wp.constant(wp.float64(1e-9)),
     wp.constant(wp.float64(1e-3)),
 )
-_FAR = wp.constant(wp.float64(1e9))
+_FAR = wp.constant(wp.float64(1e9))  # in place of infinity [m]
 _Sums = wp.types.vector(length=8, dtype=wp.float64)
 
 
 @wp.struct
 class Resting:
-    """The resting gel: height H - x^2 bend_x - y^2 bend_y over half a pad's size each way [m]."""
+    """The resting gel: its height is ``height`` - x^2 ``bend_x`` - y^2 ``bend_y``."""
 
-    height: wp.float64
-    bend_x: wp.float64
+    height: wp.float64  # [m]
+    bend_x: wp.float64  # [1/m]
     bend_y: wp.float64
-    half_x: wp.float64
+    half_x: wp.float64  # half the pad's size [m]
     half_y: wp.float64
 
 
@@ -100,11 +101,12 @@ def overlap(
     # Data out:
     light_out: wp.array(dtype=wp.vec3d),
 ):
-    """Tell F_light, its share, and the mean overlap beyond a quarter of the pad's height, over it.
+    """Give F_light [N], its share, and the mean overlap beyond a quarter of the pad's height.
 
-    Launches over [environment_count, threads of a block]. ``moduli`` are E / (1 - nu^2) [Pa], zero
-    where F_light is not known. ``touched`` has at 8 to 11 how far contact may reach from the tip,
-    along x, -x, y and -y; indenters are held ``standoff`` higher than they are [m].
+    The last is relative to that height. Launches over [environment_count, threads of a block].
+    ``moduli`` are E / (1 - nu^2) [Pa], zero where F_light is not known. ``touched`` has at 8 to 11
+    how far contact may reach from the tip along x, -x, y and -y [m]. Contact begins within
+    ``reach`` [m]; poses hold tips ``standoff`` higher than the bodies are [m].
     """
     b, thread = wp.tid()
     zero, half = wp.float64(0.0), wp.float64(0.5)

@@ -18,7 +18,7 @@ Contact gives less under sharp bodies, and form and narrow are half as large. Th
 fitted to 546 presses of balls, punches and prisms on two sensors, a third with friction, at edges
 of 0.9 to 2.5 mm, against presses on fine meshes of their own, and that of layers to 40 on 9DTact.
 
-How light contacts' forces are told instead, ``overlap_kernels`` says.
+``overlap_kernels`` describes how the force of light contacts is computed.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def edge_of(model: Model) -> float:
 
 
 def reach_of(model: Model) -> float:
-    """Return the gap of a point whose face may touch [m]: up to an edge more than where it does."""
+    """Return the gap within which a point's face may touch [m]: that of contact, and an edge."""
     return model.contact_options.distance_m + edge_of(model)
 
 
@@ -203,14 +203,14 @@ def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))
 
 
-def light_moduli(model: Model, young_pa: FloatArray) -> FloatArray:
-    """Return E / (1 - nu^2) [Pa] for E of what is touched; zero where light contacts' F is unknown.
+def light_moduli(model: Model, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:
+    """Return E / (1 - nu^2) of what is touched [Pa], zero where light contacts' F is unknown.
 
     So it is in layered gels, and in models that ``sensor_model`` did not make.
     """
-    young, poisson = model.materials
+    young, _ = model.materials
     is_known = model.contact_options.overlap and young.min() == young.max()
-    return np.asarray(young_pa / (1.0 - poisson.max() ** 2) * bool(is_known))
+    return np.asarray(young_pa / (1.0 - poisson**2) * bool(is_known))
 
 
 def resting_gel(model: Model) -> Any:
