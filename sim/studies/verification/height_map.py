@@ -1,7 +1,7 @@
 """The height map that is rendered, against one of a much finer solution, which is kept.
 
 ``python -m sim.studies.verification.height_map cylinder ball edge`` presses these with preset
-``reference`` and keeps their heights; without names, all of them. It takes a quarter of an hour.
+``reference`` and keeps their heights; without names, all of them, which takes a few minutes.
 """
 
 import sys
