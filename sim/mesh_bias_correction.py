@@ -131,7 +131,14 @@ _UNDER_BALL: dict[float, BiasRule] = {
         beside=0.0092,
     ),
     1.4: BiasRule(
-        0.6, 0.003, slope=0.0008, squeeze=0.0158, layered=0.0015, of_bias=0.15, beside=0.009
+        0.6,
+        0.003,
+        slope=0.0008,
+        squeeze=0.0158,
+        grip=0.0125,
+        layered=0.0015,
+        of_bias=0.15,
+        beside=0.009,
     ),
 }
 _UNDER_PUNCH = {

@@ -54,20 +54,20 @@ def test_a_given_force_has_its_depth_corrected(found: PressOutputs) -> None:
 
 
 def test_what_a_bias_depends_on() -> None:
-    """Edges, how well the gel keeps its volume, depth, friction under punches, the pad's sides."""
+    """Edges, how well the gel keeps its volume, depth, friction on short edges, the pad's sides."""
     soft = replace(SCENE, material=replace(SCENE.material, poisson=0.4))
     stuck = replace(SCENE, contact=ContactMode.FRICTION, friction=0.8)
     aside = replace(SCENE, centre_m=(8.5e-3, 0.0))
     deep = replace(SCENE, target=Target(depth_m=0.8e-3))
     rules = rules_of(SCENE)
     assert rules_of(stuck) == rules_of(deep) == dict(sorted(rules.items()))
-    assert rules[1.4].bias(SCENE) < rules[1.4].bias(deep)
+    assert rules[1.4].bias(SCENE) < min(rules[1.4].bias(deep), rules[1.4].bias(stuck))
     punch = replace(stuck, indenter=Cylinder(diameter_m=4e-3, fillet_m=0.3e-3))
     assert rules_of(punch)[2.2].bias(punch) > rules_of(punch)[2.2].bias(
         replace(punch, friction=0.1)
     )
     for rule in rules.values():
-        assert rule.bias(soft) < rule.bias(SCENE) == rule.bias(stuck)
+        assert rule.bias(soft) < rule.bias(SCENE) <= rule.bias(stuck)
         assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
 
 
