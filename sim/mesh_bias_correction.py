@@ -268,7 +268,8 @@ def correction(
         return None
     if not force > 0.0 or not found.stiffness_n_m > 0.0:
         return None
-    bias = rule.bias(replace(scene, target=Target(depth_m=depth)))
+    at = replace(scene, target=Target(depth_m=depth))
+    bias = rule.bias(at)
     missing, share = bias / (1.0 + bias), 1.0
     if scene.target.force_n is None:
         force *= 1.0 - missing
@@ -276,7 +277,7 @@ def correction(
         share = min(1.0, force / (found.stiffness_n_m * depth))
         depth += missing * force / found.stiffness_n_m
     # What the plan leaves out is independent of it.
-    left = math.hypot(rule.rest(scene, share=share), plan.left_out(Output.FORCE))
+    left = math.hypot(rule.rest(at, share=share), plan.left_out(Output.FORCE))
     return Corrected(
         force_n=force,
         depth_m=depth,

@@ -22,7 +22,7 @@ from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
-# Steps of a descent between two looks at who has arrived: a look is nine launches.
+# Steps of a descent between two looks at who has arrived: a look is up to ten launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
 # Of the pad's height: how far from the tip is the other point whose way is limited; and the

@@ -28,7 +28,8 @@ _FORCE, _NEAR_BASE = wp.constant(wp.float64(3.2)), wp.constant(wp.float64(2.73))
 _LIGHT, _STEEP = wp.constant(wp.float64(0.5)), wp.constant(wp.float64(0.9))
 # Of the pad's height: mean overlap from which errors of F_z grow.
 _DEEP_FROM = wp.constant(wp.float64(0.25))
-# A round body is met from below, along tangents, which pass through no convex body.
+# A round body is met from below: along tangents, which pass through no convex body; one of
+# triangles need not be convex, and is met by the gap itself.
 _RISES, _MET_M, _FLATTEST = (
     wp.constant(30),
     wp.constant(wp.float64(1e-9)),
@@ -69,7 +70,7 @@ def _depth(body: Body, x: wp.vec3d) -> wp.float64:
                 gap, n = nearby_gap(body, at, _FAR)
                 if gap < _MET_M or at[2] > x[2]:
                     break
-                at[2] += gap / wp.max(-n[2], _FLATTEST)
+                at[2] += wp.where(body.is_mesh, gap, gap / wp.max(-n[2], _FLATTEST))
             depth = x[2] - at[2]
     return depth
 

@@ -149,6 +149,18 @@ def test_scene_refuses_nonsense() -> None:
         Cylinder(diameter_m=5e-3, fillet_m=3e-3)
 
 
+def test_json_has_every_number_that_was_promised() -> None:
+    """The keys of ``press --json``."""
+    keys = set(press(SCENE).as_json())
+    promised = (
+        "force_n moment_nm depth_m contact_area_m2 contact_radius_m max_pressure_pa "
+        "base_reaction_n force_balance_relative surface_traction_gap_relative "
+        "algorithms_apart_relative min_jacobian gap_min_m newton_iterations wall_s element "
+        "node_count tet_count estimated_force_error_relative estimated_force_error_basis"
+    )
+    assert set(promised.split()) <= keys
+
+
 def test_one_face_at_a_rim_refuses_no_press(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its stress may be as large as the field's in the L2 norm; what is told stays well defined."""
 
