@@ -5,7 +5,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -157,6 +157,11 @@ def _silent_stderr() -> Iterator[None]:
         os.close(void)
 
 
+@cache
+def _other_stream(name: str) -> Any:
+    return wp.Stream(name)
+
+
 @dataclass(frozen=True, slots=True)
 class Device:
     """A Warp device by its name, ``cpu`` or ``cuda:0``."""
@@ -198,6 +203,15 @@ class Device:
     def synchronise(self) -> None:
         """Wait until everything launched is done."""
         wp.synchronize_device(self.name)
+
+    @contextmanager
+    def beside(self, launches: Callable[[], None]) -> Iterator[None]:
+        """Make launches before a block's own; on a GPU on another stream, at the same time."""
+        with wp.ScopedStream(_other_stream(self.name) if self.is_gpu else None):
+            launches()
+        yield
+        if self.is_gpu:
+            wp.get_stream(self.name).wait_stream(_other_stream(self.name))
 
     def launch(
         self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]

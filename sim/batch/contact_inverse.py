@@ -1,5 +1,6 @@
 """The inverse that serves any contact: the undeformed gel's, corrected for the touching nodes."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -107,13 +108,13 @@ class ContactInverse:
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count]."""
         chosen, stiffen, listing, factored, correct, set_tip = self._launches
-        for each in (chosen, stiffen, listing):
-            each.launch()
-        if asked is not None:
-            counts, listed = self._correction.counts.numpy(), self._correction.listed.numpy()
-            self._rest.need(np.concatenate([listed[b, : counts[b]] for b in asked]))
-        factored.launch()
-        self._rest.apply(asked, sources, found, at_surface=True)
+        with self._device.beside(partial(self._rest.apply, asked, sources, found, at_surface=True)):
+            for each in (chosen, stiffen, listing):
+                each.launch()
+            if asked is not None:
+                counts, listed = self._correction.counts.numpy(), self._correction.listed.numpy()
+                self._rest.need(np.concatenate([listed[b, : counts[b]] for b in asked]))
+            factored.launch()
         correct.launch()
         self._rest.apply(asked, self._corrected, found)
         set_tip.launch()

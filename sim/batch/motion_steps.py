@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch import motion_step_kernels as kernels
-from sim.batch.overlap_kernels import overlap
+from sim.batch.overlap_kernels import THREADS, overlap
 from sim.batch.sensor_model import (
     ForceBias,
     face_shares,
@@ -173,6 +173,8 @@ class Frames:
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
         formed += [self._rest, wp.float64(reach_of(model))]
+        many, parts = (THREADS, tables[2].shape[1]) if self._device.is_gpu else (1, 1)
+        shared = (*points[:2], points[2] * parts)
         at = [descents.pressed, history.arrives]
         # With their own edges, which they have where nothing else rounds them.
         own_edges: Any = descents.indenter
@@ -183,8 +185,8 @@ class Frames:
         now = [state, poses, self.motions, history]
         end = [
             record(kernels.arrive, own, [chosen.accepts_residual, chosen.halvings_max, *now]),
-            record(made.wrench, points, [*at, *formed, history.touched]),
-            record(overlap, (*own, self._threads), overlapped, self._threads),
+            record(made.wrench, shared, [at[0], parts, at[1], *formed, history.touched]),
+            record(overlap, (*own, many), overlapped, many),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]
         if options.is_tangential:

@@ -19,6 +19,9 @@ import warp as wp
 from sim.contact.indenter_distance import Body, Poses, nearby_gap, posed
 from sim.scene.triangle_distance import hit_below
 
+THREADS = 512
+"""Of a block on a GPU."""
+
 # Samples along a side of the grid over an overlap, and how often it is laid: it closes in.
 _SIDE, _SAMPLES, _LOOKS = wp.constant(32), wp.constant(32 * 32), wp.constant(2)
 _CELL = wp.constant(wp.float64(1.0 / 32.0))
@@ -87,7 +90,7 @@ def _least(value: wp.float64) -> wp.float64:
     return wp.tile_reduce(wp.min, wp.tile(value))[0]
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, launch_bounds=THREADS)
 def overlap(
     # Model:
     bodies: wp.array(dtype=Body),

@@ -430,6 +430,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     @wp.kernel(enable_backward=False, module="unique")
     def wrench(
         at: Pressed,
+        parts: wp.int32,
         # Data in:
         wanted: wp.array(dtype=wp.int32),
         form: wp.array2d(dtype=wp.float64),
@@ -440,41 +441,51 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
-        b, f, q = wp.tid()
+        # So many threads in turn have a point, and share its ``others`` and its face's points.
+        b, f, thread = wp.tid()
         if wanted[b] == 1:
-            here, x = met(at, b, f, q)
-            distance, _n = nearby_gap(here, x, reach)
+            own, part = thread // parts, thread % parts
+            here, x = met(at, b, f, own)
+            distance, n = nearby_gap(here, x, reach)
             if distance < reach:
-                touched, before = wp.float64(0.0), -at.poses.tips[b]
-                for k in range(others.shape[2]):
-                    before += rest[at.surface.faces[f, k]] * at.surface.values[q, k]
-                for k in range(2):
-                    wp.atomic_max(wrench_out, b, 8 + 2 * k, before[k])
-                    wp.atomic_max(wrench_out, b, 9 + 2 * k, -before[k])
-                for r in range(others.shape[1]):
+                touched = wp.float64(0.0)
+                for r in range(part, others.shape[1], parts):
                     there = wp.vec3d()
                     for k in range(others.shape[2]):
-                        there += at.positions[b, at.surface.faces[f, k]] * others[q, r, k]
+                        there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
                     touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
-                share = at.surface.areas[f, q] / wp.float64(others.shape[1])
+                share = at.surface.areas[f, own] / wp.float64(others.shape[1])
                 shift = at.surface.shift / at.surface.young[b]
                 wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
-            _x, _gap, _density, normal, along, _stiffness = contact_at(at, b, f, q, _EXACT)
-            v = normal + along
-            formed = wp.dot(along, along)
+            _density, slope, _change = normal_contact(at.surface, b, distance)
+            along = wp.vec3d()
+            if wp.static(grips):
+                _more, along, _tangent = held_back(at, here, b, f, own, x, _EXACT)
+            formed = wp.float64(0.0)
             if distance < at.surface.distance:
-                for r in range(at.surface.areas.shape[1]):
-                    _here, there = met(at, b, f, r)
+                for k in range(part, at.surface.areas.shape[1], parts):
+                    _here, there = met(at, b, f, k)
                     gap, _n = nearby_gap(here, there, at.surface.distance)
                     _density, pressed, _change = normal_contact(at.surface, b, gap)
-                    formed -= form[q, r] * pressed * wp.length(normal)
-            if wp.dot(v, v) > wp.float64(0.0):
-                formed *= at.surface.areas[f, q] * shares[f]
+                    formed += form[own, k] * pressed * slope
+            if part == 0:
+                formed += wp.dot(along, along)
+            if formed != wp.float64(0.0):
+                formed *= at.surface.areas[f, own] * shares[f]
                 formed = repeatable(formed, at.surface.shift * at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 7, formed)
-                force = repeatable(v * at.surface.areas[f, q], at.surface.shift)
+            v = n * slope + along
+            if part == 0 and distance < reach:
+                before = -at.poses.tips[b]
+                for k in range(others.shape[2]):
+                    before += rest[at.surface.faces[f, k]] * at.surface.values[own, k]
+                for k in range(2):
+                    wp.atomic_max(wrench_out, b, 8 + 2 * k, before[k])
+                    wp.atomic_max(wrench_out, b, 9 + 2 * k, -before[k])
+            if part == 0 and wp.dot(v, v) > wp.float64(0.0):
+                force = repeatable(v * at.surface.areas[f, own], at.surface.shift)
                 moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):
                     wp.atomic_add(wrench_out, b, k, force[k])

@@ -107,7 +107,6 @@ class Descents:
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
         self._gel, self.indenter = gel, indenter
-        self._aside = wp.Stream(device.name) if device.is_gpu else None
         self.threads = _THREADS if device.is_gpu else 1
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]
@@ -167,15 +166,8 @@ class Descents:
 
     def evaluate(self) -> None:
         """Evaluate the environments that are wanted: gel and contact side by side on a GPU."""
-        if self._aside is None:
-            self._strain.launch()
+        with self._device.beside(self._strain.launch):
             self._touch.launch()
-            return
-        main = wp.get_stream(self._device.name)
-        self._aside.wait_stream(main)
-        self._strain.launch(stream=self._aside)
-        self._touch.launch()
-        main.wait_stream(self._aside)
 
     def contact(self) -> ContactForces:
         """Return the contact of the only environment, where it is."""
