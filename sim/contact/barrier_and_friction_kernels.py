@@ -446,16 +446,16 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         if wanted[b] == 1:
             own, part = thread // parts, thread % parts
             here, x = met(at, b, f, own)
-            distance, n = nearby_gap(here, x, reach)
-            if distance < reach:
-                touched = wp.float64(0.0)
-                for r in range(part, others.shape[1], parts):
-                    there = wp.vec3d()
-                    for k in range(others.shape[2]):
-                        there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
-                    gap, _n = nearby_gap(here, there, at.surface.distance)
-                    into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
-                    touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
+            distance, n = nearby_gap(here, x, at.surface.distance)
+            touched = wp.float64(0.0)
+            for r in range(part, others.shape[1], parts):
+                there = wp.vec3d()
+                for k in range(others.shape[2]):
+                    there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
+                gap, _n = nearby_gap(here, there, at.surface.distance)
+                into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
+                touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
+            if touched > wp.float64(0.0):
                 share = at.surface.areas[f, own] / wp.float64(others.shape[1])
                 shift = at.surface.shift / at.surface.young[b]
                 wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
@@ -477,7 +477,10 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 formed = repeatable(formed, at.surface.shift * at.surface.young[b])
                 wp.atomic_add(wrench_out, b, 7, formed)
             v = n * slope + along
-            if part == 0 and distance < reach:
+            around, _n = distance, n
+            if part == 0:
+                around, _n = nearby_gap(here, x, reach)
+            if part == 0 and around < reach:
                 before = -at.poses.tips[b]
                 for k in range(others.shape[2]):
                     before += rest[at.surface.faces[f, k]] * at.surface.values[own, k]
