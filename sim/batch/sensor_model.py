@@ -167,7 +167,7 @@ def sharp(indenters: Sequence[Indenter], rim_m: float) -> NDArray[np.int_]:
     for k, each in enumerate(indenters):
         if isinstance(each, Cylinder | MeshIndenter):
             fillets_m[k] = each.fillet_m if isinstance(each, Cylinder) else 0.0
-    return np.sum([fillets_m <= rim * rim_m for rim in (1.0, _FILLET)], axis=0)
+    return np.add(fillets_m <= rim_m, fillets_m <= _FILLET * rim_m, dtype=np.int_)
 
 
 def stiffness_of(model: Model, edged: NDArray[np.bool_]) -> FloatArray:
