@@ -131,21 +131,22 @@ class Batch:
         young_pa = np.array([young[touched] for young, _ in own])
         rim_m = _RIM_SHARE * edge_of(model)
         edged = sharp(indenters, rim_m)[np.asarray(which)]
-        careful = edged | contact.is_tangential
+        careful = (edged > 0) | contact.is_tangential
         self._step_m = model.height_m * np.where(careful, *_STEP_SHARES)
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         share = model.young_pa / young_pa
         self.inverse = ContactInverse(model, count=self.count, young_share=share)
-        own_bias = bias_of(model, self.inverse).of(edged.astype(int))
+        poisson = np.array([poisson[touched] for _, poisson in own])
+        moduli_pa = young_pa / (1.0 - poisson**2)
+        own_bias = bias_of(model, self.inverse).of(edged).scaled(mu, moduli_pa)
         if bias is not None:
             left = bias.of(which)
             own_bias = left._replace(known=left.known + own_bias.known)
-        poisson = np.array([poisson[touched] for _, poisson in own])
         self._bias, self._light_pa = own_bias, light_moduli(model, young_pa, poisson)
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
-        surface = model.surface.of(young_pa, mu, stiffness_of(model, edged))
+        surface = model.surface.of(young_pa, mu, stiffness_of(model, edged > 0))
         bodies = IndenterSet(bodies=self.indenters, which=tuple(map(int, which)), rounding_m=rim_m)
         self.descents = Descents(
             model,
@@ -169,7 +170,7 @@ class Batch:
         # Contact begins so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
-        shapes = {"tips": (self.count, 2), "touched": (self.count, 12), "last": nodes}
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 13), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)

@@ -25,6 +25,7 @@ _NOWHERE = wp.constant(wp.float64(-1e9))
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
 _WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
+Known = wp.types.vector(length=5, dtype=wp.float64)  # factors of ``ForceBias.known``
 
 
 @wp.struct
@@ -60,7 +61,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 12]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 13]
     light: wp.array(dtype=wp.vec3d)  # what ``overlap_kernels.overlap`` tells
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
@@ -254,8 +255,8 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(12):
-                history.touched[b, k] = wp.where(k < 8, wp.float64(0.0), _NOWHERE)
+            for k in range(13):
+                history.touched[b, k] = wp.where(k < 9, wp.float64(0.0), _NOWHERE)
         elif motions.halved[b] < halvings_max:
             motions.halved[b] = motions.halved[b] + 1
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
@@ -268,7 +269,7 @@ def arrive(
 @wp.kernel(enable_backward=False)
 def note(
     # Model:
-    known: wp.array(dtype=wp.vec3d),
+    known: wp.array(dtype=Known),
     by_force: wp.array(dtype=wp.vec4d),
     left: wp.array(dtype=wp.vec2d),
     # Data in:
@@ -290,10 +291,13 @@ def note(
         f = motions.frame[b]
         ends = motions.done[b] + 1 == motions.parts[b]
         area, force = history.touched[b, 6], history.touched[b, 2]
-        terms = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        terms = Known()
+        terms[0] = wp.float64(1.0)
         if area > wp.float64(0.0) and force > wp.float64(0.0):
             terms[1] = wp.pow(area, wp.float64(-0.75))
             terms[2] = history.touched[b, 7] * area / (force * force)
+            terms[3] = history.touched[b, 8] / force
+            terms[4] = force / area
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
         own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS)

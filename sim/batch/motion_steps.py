@@ -89,7 +89,7 @@ class Frames:
         self._new, self._threads = device.zeros(1, wp.int32), 256 if device.is_gpu else 1
         self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
-        kinds = (wp.vec3d, wp.vec4d, wp.vec2d)
+        kinds = (kernels.Known, wp.vec4d, wp.vec2d)
         biased = [device.array(*each) for each in zip(bias, kinds, strict=True)]
         self._begin, self._end = self._recorded(biased, light_pa, options)
 

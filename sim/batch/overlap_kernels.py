@@ -108,7 +108,7 @@ def overlap(
     """Give F_light [N], its share, and the mean overlap beyond a quarter of the pad's height.
 
     The last is relative to that height. Launches over [environment_count, threads of a block].
-    ``moduli`` are E / (1 - nu^2) [Pa], zero where F_light is not known. ``touched`` has at 8 to 11
+    ``moduli`` are E / (1 - nu^2) [Pa], zero where F_light is not known. ``touched`` has at 9 to 12
     how far contact may reach from the tip along x, -x, y and -y [m]. Contact begins within
     ``reach`` [m]; poses hold tips ``standoff`` higher than the bodies are [m].
     """
@@ -116,8 +116,8 @@ def overlap(
     zero, half = wp.float64(0.0), wp.float64(0.5)
     body = posed(bodies, poses, b)
     body.position = body.position - wp.vec3d(zero, zero, standoff)
-    high_x, high_y = wp.float64(touched[b, 8]), wp.float64(touched[b, 10])
-    low_x, low_y = -touched[b, 9], -touched[b, 11]
+    high_x, high_y = wp.float64(touched[b, 9]), wp.float64(touched[b, 11])
+    low_x, low_y = -touched[b, 10], -touched[b, 12]
     looks = wp.where(wanted[b] == 1 and high_x >= low_x, _LOOKS, 0)
     sums = _Sums()
     for look in range(_LOOKS):

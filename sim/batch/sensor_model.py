@@ -14,9 +14,16 @@ closest to p. The integral is the work that a mesh's surface does too little und
 not resolve, less what the compliant contact does; A / z is the stiffness of a layer over E. A
 contact of few nodes meets the compliance that these have: c is that of nodes amid edges, which each
 mesh's inverse tells, times E h / (1 - nu^2), with the share of it that the pad's base takes off.
-Contact gives less under sharp bodies, and form and narrow are half as large. The numbers were
-fitted to 546 presses of balls, punches and prisms on two sensors, a third with friction, at edges
-of 0.9 to 2.5 mm, against presses on fine meshes of their own, and that of layers to 40 on 9DTact.
+Under sharp bodies, those with fillets up to h / 4 included, contact gives less. Form is then half
+as large, narrow also if there is no fillet; with one, wide is 1.5 times as large. Where points lie
+beside an edge decides how much pressure acts aside. Under bodies without fillets
+
+    (1 - mu / 0.3) (0.116 F_z (1 - nu^2) / (A E) - 0.28 N / F_z)
+
+is added below mu = 0.3, with N the pressure's sum less its part along the indenter's axis. The
+numbers were fitted to 546 presses of balls, punches and prisms on two sensors, a third with
+friction, at edges of 0.9 to 2.5 mm, against presses on fine meshes of their own, that of layers to
+40 on 9DTact, and those of fillets and of N to 75 on two sensors at 1.25 mm.
 
 ``overlap_kernels`` describes how the force of light contacts is computed.
 """
@@ -55,8 +62,10 @@ _SLIP_SHARE = 0.004
 _OVERLAP_SHARE = 0.4
 # Bias of F_z: by edges, layers, tractions, what is not linear of pressure, and narrow contacts.
 _WIDE, _LAYERS, _FORM, _UNRESOLVED, _NARROW = 0.094, 0.21, 0.191, 1.9, 0.269
-# Of form and narrow, under a sharp body.
-_SHARP = 0.5
+# Of wide, narrow and form, under a rounded body, one with a small fillet, and a sharp one.
+_SHARES = np.array([[1.0, 1.0, 1.0], [1.5, 1.0, 0.5], [1.0, 0.5, 0.5]])
+# Rims of which a fillet is small; aside and pressed, and the friction that leaves none of them.
+_FILLET, _ASIDE, _PRESSED, _ROUGH = 2.5, -0.28, 0.116, 0.3
 # Of a half-space's compliance [(1 - nu^2) / (E h)] that a base h / H edges below takes off, over
 # h / H, at nu 0.48 (Dimitriadis et al. 2002), and c of layered gels, whose is not that of a mesh.
 _BASE, _USUAL = 0.55, 1.9
@@ -69,9 +78,10 @@ _LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.08, 0.14, 0.028
 class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
-    ``known`` has factors of 1, A^(-3/4) and S A / F_z^2 with the sum S that ``ContactKernels``
-    makes, shape [count, 3]; ``left`` of the first two, shape [count, 2]. The bias has also linear x
-    + quadratic x^2 with x = log(F_z / N), held between two ends: ``by_force``, shape [count, 4].
+    ``known`` has factors of 1, A^(-3/4), S A / F_z^2, N / F_z and F_z / A with the sums S and N
+    that ``ContactKernels`` makes, shape [count, 5]; ``left`` of the first two, shape [count, 2].
+    The bias has also linear x + quadratic x^2 with x = log(F_z / N), held between two ends:
+    ``by_force``, shape [count, 4].
     """
 
     known: FloatArray
@@ -81,6 +91,12 @@ class ForceBias(NamedTuple):
     def of(self, which: Sequence[int] | NDArray[np.integer[Any]]) -> ForceBias:
         """Return the bias of bodies by their places, shape [count, ...]."""
         return ForceBias(*(each[np.asarray(which)] for each in self))
+
+    def scaled(self, friction: FloatArray, moduli_pa: FloatArray) -> ForceBias:
+        """Return the bias at friction and E / (1 - nu^2) of environments, from that at 0 and 1."""
+        left = np.maximum(1.0 - friction / _ROUGH, 0.0)
+        own = np.column_stack([self.known[:, :3], self.known[:, 3] * left])
+        return self._replace(known=np.column_stack([own, self.known[:, 4] * left / moduli_pa]))
 
 
 def sensor_model(
@@ -145,15 +161,13 @@ def reach_of(model: Model) -> float:
     return model.contact_options.distance_m + edge_of(model)
 
 
-def sharp(indenters: Sequence[Indenter], rim_m: float) -> NDArray[np.bool_]:
-    """Return which bodies have edges that are rounded by a radius [m] at most, or nobody knows."""
-    return np.array(
-        [
-            isinstance(each, MeshIndenter)
-            or (isinstance(each, Cylinder) and each.fillet_m <= rim_m)
-            for each in indenters
-        ]
-    )
+def sharp(indenters: Sequence[Indenter], rim_m: float) -> NDArray[np.int_]:
+    """Return 2 for edges rounded by a radius [m] at most, or unknown, 1 for 2.5 of it, 0 beyond."""
+    fillets_m = np.full(len(indenters), np.inf)
+    for k, each in enumerate(indenters):
+        if isinstance(each, Cylinder | MeshIndenter):
+            fillets_m[k] = each.fillet_m if isinstance(each, Cylinder) else 0.0
+    return np.add(fillets_m <= rim_m, fillets_m <= _FILLET * rim_m, dtype=np.int_)
 
 
 def stiffness_of(model: Model, edged: NDArray[np.bool_]) -> FloatArray:
@@ -186,10 +200,10 @@ def quarter_values(model: Model) -> FloatArray:
 
 
 def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
-    """Return the bias under a rounded body and under a sharp one; none where it is not known."""
+    """Return the bias by ``sharp``; none where it is not known."""
     if not model.contact_options.overlap:
-        none = np.zeros((2, 4))
-        return ForceBias(none[:, :3], none, np.full((2, 2), np.nan))
+        none = np.zeros((3, 5))
+        return ForceBias(none, none[:, :4], np.full((3, 2), np.nan))
     edge_m, (young_pa, poisson) = edge_of(model), model.materials
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
     layered = (1.0 - young_pa.min() / young_pa.max()) * wide
@@ -197,10 +211,12 @@ def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     if not layered:
         unit = (1.0 - poisson.max() ** 2) / (young_pa.max() * edge_m)
         soft = inverse.middle_compliance() / unit + _BASE * wide
-    always, each = _WIDE * np.sqrt(wide) + _LAYERS * layered, [_NARROW * narrow / soft**3, _FORM]
-    known = [[always, *(share * np.array(each))] for share in (1.0, _SHARP)]
+    known = np.zeros((3, 5))
+    known[:, :3] = _SHARES * [_WIDE * np.sqrt(wide), _NARROW * narrow / soft**3, _FORM]
+    known[:, 0] += _LAYERS * layered
+    known[2, 3:] = _ASIDE, _PRESSED
     left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
-    return ForceBias(np.array(known), np.zeros((2, 4)), np.array([left, left]))
+    return ForceBias(known, np.zeros((3, 4)), np.array([left] * 3))
 
 
 def light_moduli(model: Model, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:

@@ -255,8 +255,9 @@ class ContactKernels:
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
-    # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2].
-    # Then how far points that may touch rest from the tip, along x, -x, y and -y [m]
+    # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2], and
+    # what pressure adds up to [N] less its part along the indenter's axis. Then how far points
+    # that may touch rest from the tip, along x, -x, y and -y [m]
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -485,9 +486,12 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 for k in range(others.shape[2]):
                     before += rest[at.surface.faces[f, k]] * at.surface.values[own, k]
                 for k in range(2):
-                    wp.atomic_max(wrench_out, b, 8 + 2 * k, before[k])
-                    wp.atomic_max(wrench_out, b, 9 + 2 * k, -before[k])
+                    wp.atomic_max(wrench_out, b, 9 + 2 * k, before[k])
+                    wp.atomic_max(wrench_out, b, 10 + 2 * k, -before[k])
             if part == 0 and wp.dot(v, v) > wp.float64(0.0):
+                axis = here.rotation * wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+                aside = -slope * (wp.float64(1.0) + wp.dot(n, axis)) * at.surface.areas[f, own]
+                wp.atomic_add(wrench_out, b, 8, repeatable(aside, at.surface.shift))
                 force = repeatable(v * at.surface.areas[f, own], at.surface.shift)
                 moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
                 for k in range(3):
