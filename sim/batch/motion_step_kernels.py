@@ -235,6 +235,7 @@ def predict(
 def arrive(
     accepts_residual: wp.bool,
     halvings_max: wp.int32,
+    evaluations_max: wp.int32,
     d: Descent,
     poses: Poses,
     motions: Motions,
@@ -248,6 +249,7 @@ def arrive(
     history.arrives[b] = 0
     if history.stage[b] == _UNDER_WAY and d.status[b] != Status.RUNNING:
         history.stage[b] = _WAITS
+        spent = d.evaluations[b] - history.evaluated[b]
         unfinished = accepts_residual and d.status[b] == Status.OUT_OF_STEPS
         if d.status[b] == Status.DONE or unfinished:
             history.arrives[b] = 1
@@ -257,7 +259,7 @@ def arrive(
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
             for k in range(13):
                 history.touched[b, k] = wp.where(k < 9, wp.float64(0.0), _NOWHERE)
-        elif motions.halved[b] < halvings_max:
+        elif motions.halved[b] < halvings_max and spent < evaluations_max:
             motions.halved[b] = motions.halved[b] + 1
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
             motions.parts[b] = 2 * wp.max(motions.parts[b] - motions.done[b], 1)

@@ -25,6 +25,8 @@ from tacauchy_rig.core.arrays import FloatArray
 # Steps of a descent between two looks at who has arrived: a look is up to ten launches.
 _STEPS_ON_GPU = 2
 _LOWERINGS = 40
+# Of the most steps of a descent: evaluations in a frame after which none is begun in smaller parts.
+_GIVES_UP = 6
 # Of the pad's height: how far from the tip is the other point whose way is limited; and the
 # residual with which the parts of a frame before the last may end.
 _ARM_SHARE, _INTERMEDIATE = 0.75, 1e-2
@@ -38,7 +40,8 @@ class BatchOptions:
         residual_relative: Largest allowed norm of the unbalanced force, and difference of base
             reaction and indenter force, both divided by the contact force.
         steps_max: Largest number of solver steps in one descent.
-        halvings_max: How often a step that does not converge is halved.
+        halvings_max: How often a step that does not converge is halved, unless the frame has taken
+            six times ``steps_max`` evaluations.
         accepts_residual: Accept the residual that is left after ``steps_max`` steps. Every step
             then costs about the same, as learning needs.
     """
@@ -183,8 +186,9 @@ class Frames:
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
         overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]
         now = [state, poses, self.motions, history]
+        limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max
         end = [
-            record(kernels.arrive, own, [chosen.accepts_residual, chosen.halvings_max, *now]),
+            record(kernels.arrive, own, [chosen.accepts_residual, *limits, *now]),
             record(made.wrench, shared, [at[0], parts, at[1], *formed, history.touched]),
             record(overlap, (*own, many), overlapped, many),
             record(kernels.note, own, [*biased, *now, self.found]),
