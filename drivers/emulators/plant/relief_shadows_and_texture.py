@@ -118,7 +118,7 @@ def _ending_in_zero(values: FloatArray) -> Float32Array:
 _STRIDE = 2  # of pixels: shadows are soft
 _LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as they grow longer
 # Each is half the spread farther than the one before: else a wall's shadow ends early, in steps.
-_SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 4.5e-3, 91))
+_SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 7.2e-3, 102))
 
 
 def visible_share(

@@ -41,11 +41,13 @@ _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
 TELLING = 251  # of a compressed range the last levels tell less than their noise
 BEYOND_RIM = 1.15
+LARGEST = 1.03
+"""Of a ball's radius: circles and scales are not exact, but no contact is larger."""
 STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
-_CLICK_WEIGHT = 0.3
+_CLICK_WEIGHT = 0.1
 _SEARCH_PX = 100.0
 # Differences that slopes are found by, and what ends a search, are shares of the move plus this;
 # ``ftol`` is one of what is left over: 0.01 px change it by as much.
@@ -379,7 +381,7 @@ def find_circle(press: BallPress, scene: PressScene, *, ball_radius_m: float) ->
     change = _ContactChange(press, scene)
     found, explained = change.search(ball_radius_m)
     height, width = press.image.shape[:2]
-    largest = ball_radius_m / scene.geometry.mean_scale_m
+    largest = LARGEST * ball_radius_m / scene.geometry.mean_scale_m
     inside = 0.0 <= found.x_px < width and 0.0 <= found.y_px < height
     inside &= 1.0 < found.radius_px < largest
     if not inside or change.strongest < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:

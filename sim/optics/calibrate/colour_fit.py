@@ -17,7 +17,7 @@ from sim.sensor.lamps_and_optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
-_ROUNDS = 3  # how often circles are nudged and the model is fitted again
+_ROUNDS = 5  # how often circles are nudged and the model is fitted again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

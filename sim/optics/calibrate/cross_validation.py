@@ -18,7 +18,7 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
-from sim.optics.calibrate.circle_and_light import PlacedPress, PressScene, exposed
+from sim.optics.calibrate.circle_and_light import LARGEST, PlacedPress, PressScene, exposed
 from sim.optics.calibrate.colour_fit import Calibration
 from sim.optics.calibrate.gel_profile import fit_motions
 from sim.optics.calibrate.shadow_blur_fit import press_image, without_shadows
@@ -321,7 +321,7 @@ def check_before(
     """Return warnings of presses that nothing is fitted to yet; refuse those of no use."""
     for press in presses:
         radius_m = press.circle.radius_px * geometry.mean_scale_m
-        if radius_m >= ball_radius_m:
+        if radius_m >= LARGEST * ball_radius_m:
             raise ConfigError(
                 f"{press.name}: a contact of radius {radius_m * 1e3:.2f} mm cannot be of a ball of "
                 f"diameter {ball_radius_m * 2e3:.2f} mm",

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.optimize import minimize_scalar
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
@@ -38,6 +39,8 @@ _GROWTH = 1.5
 _SECTORS = 16
 _CONTACT_DISTANCE_M = 1e-6
 _TOUCHING_M = 1.2e-6
+# Of the depth: gaps beside the ball which tell where the contact ends.
+_GAPS = 0.003, 0.1
 _STEP_M = 5e-5  # over which the slope of an unloaded pad is taken
 _TOUCHING_ROUNDS = 4
 DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
@@ -117,21 +120,44 @@ def _side_by_side(*presses: tuple[float, RadialProfile]) -> list[FloatArray]:
 
 
 def radial_profile(
-    maps: HeightMaps, surface: SurfaceState, geometry: CameraGeometry
+    maps: HeightMaps, surface: SurfaceState, geometry: CameraGeometry, *, ball_radius_m: float
 ) -> tuple[float, RadialProfile]:
-    """Return a centred press's contact radius [m], from its area, and mean over the azimuth."""
+    """Return a centred press's contact radius [m], and the mean over the azimuth."""
     x, y = geometry.pad_grid()
     r = np.hypot(x, y)
     step = max(geometry.scale_x_m, geometry.scale_y_m)
     half_width = min(float(np.abs(x).max()), float(np.abs(y).max()))
     ring = np.rint(r / step).astype(np.int64)
     rings = np.unique(ring[ring <= int(half_width / step)])
-    radius, depth = (ndimage.mean(each, ring, rings) for each in (r, maps.rest - maps.loaded))
+    radius, rest, loaded = (ndimage.mean(each, ring, rings) for each in (r, maps.rest, maps.loaded))
+    depth = rest - loaded
     slope = -np.gradient(depth, radius)
-    area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
     tilt, outward = slope / np.hypot(1.0, slope), _moved_outward(surface, radius)
     profile = RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
-    return float(np.sqrt(area / np.pi)), profile
+    return _contact_radius(radius, loaded, float(depth[0]), ball_radius_m), profile
+
+
+def _contact_radius(
+    radius_m: FloatArray, height_m: FloatArray, depth_m: float, ball_radius_m: float
+) -> float:
+    """Return where gel of these heights leaves a ball [m]: the gap beside it grows as Hertz's.
+
+    The area that touches would depend on the mesh by several per cent. Gap beside a contact:
+    Johnson, Contact Mechanics (1985), Eq. 3.42a.
+    """
+    below = np.minimum(radius_m, ball_radius_m)
+    gap_m = height_m[0] + ball_radius_m - np.sqrt(ball_radius_m**2 - below**2) - height_m
+    near = (gap_m > _GAPS[0] * depth_m) & (gap_m < _GAPS[1] * depth_m) & (below < ball_radius_m)
+    at_m, seen = radius_m[near], gap_m[near] ** (2.0 / 3.0)
+
+    def misfit(edge_m: float) -> float:
+        away = at_m / edge_m
+        gap = np.sqrt(away**2 - 1.0) + (away**2 - 2.0) * np.arccos(1.0 / away)
+        shape = gap ** (2.0 / 3.0)
+        return float(np.sum((seen - shape * (shape @ seen) / (shape @ shape)) ** 2))
+
+    bounds = 0.7 * at_m[0], 0.9999 * at_m[0]
+    return float(minimize_scalar(misfit, bounds=bounds, method="bounded").x)
 
 
 def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
@@ -167,7 +193,7 @@ def ball_profiles(
         # presses are then predicted 10 % worse.
         surface = replace(surface_state(path, path.advance(depth)), mesh_axis_m=None)
         maps = height_maps(surface, geometry, contact_gap_m=_TOUCHING_M, pad=sensor.pad)
-        found.append(radial_profile(maps, surface, geometry))
+        found.append(radial_profile(maps, surface, geometry, ball_radius_m=0.5 * ball_diameter_m))
         on_press(len(found))
     return PressedProfiles(found)
 

@@ -29,12 +29,12 @@ from tacauchy_rig.core.errors import ConfigError
 
 SHADOWS, BLUR_PX = "lamp_shadows", "blur_px"  # their names in a calibration's provenance
 _EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
-_LOOKED_AT = 10  # deepest presses; their shadows are the longest
+_LOOKED_AT = 10  # presses: the deepest at first, whose shadows are the longest, then of all depths
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
-_BEFORE = 2  # rounds of colours and circles before shadows, which bring one more each
+_BEFORE = 3  # rounds of colours and circles before shadows, which bring one more each
 # In turn: of azimuth [rad] and of the logarithms of elevation, distance, a quarter of the spread
 _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
@@ -186,7 +186,8 @@ def _fitted(
 ) -> ShadowCaster:
     """Search where lamps stand, one after the other, and how large; colours follow linearly."""
     placed = sorted(found.placed(presses), key=lambda each: -each.circle.radius_px)
-    lost = _LostLight(placed[:_LOOKED_AT], found)
+    every = -(-len(placed) // _LOOKED_AT)
+    lost = _LostLight(placed[::every] if found.shadows else placed[:_LOOKED_AT], found)
     best = start if found.shadows else lost.best_of(start)
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]

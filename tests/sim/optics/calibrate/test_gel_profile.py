@@ -39,7 +39,7 @@ def test_radial_profile_of_a_pressed_ball() -> None:
     )
     fine = camera(400, 400, 2e-5)
     maps = height_maps(surface, fine, contact_gap_m=1e-6)
-    contact_radius, profile = radial_profile(maps, surface, fine)
+    contact_radius, profile = radial_profile(maps, surface, fine, ball_radius_m=BALL_M)
     assert contact_radius == pytest.approx(1.2e-3, rel=0.05)
     under = profile.radius_m < 1.1e-3
     np.testing.assert_allclose(profile.tilt[under], profile.radius_m[under] / BALL_M, atol=0.01)
@@ -47,7 +47,7 @@ def test_radial_profile_of_a_pressed_ball() -> None:
     assert 0.0 < profile.indentation_m[-1] < 1e-4
     np.testing.assert_array_equal(profile.outward_m, 0.0)
     wider = replace(surface, positions=surface.positions * (1.02, 1.02, 1.0))
-    outward = radial_profile(maps, wider, fine)[1].outward_m
+    outward = radial_profile(maps, wider, fine, ball_radius_m=BALL_M)[1].outward_m
     np.testing.assert_allclose(outward, profile.radius_m * (1.0 - 1.0 / 1.02), atol=1e-6)
 
 
