@@ -1,11 +1,12 @@
 """The cheapest settings that keep a tolerance: preset, edge length and effects."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.planned_effects import full_plan
-from sim.effects.press_with_effects import coarse_press
+from sim.effects.press_with_effects import coarse_press, has_own_way
 from sim.error_estimate import coarse_reference, estimate_from
 from sim.mesh_bias_correction import RelativeCost, Setting, corrected_settings, fold_error
 from sim.scene.scene import Output, Preset, Scene
@@ -80,8 +81,7 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
         setting: max(cost.error_ratio * error, fold_error(scene))
         for setting, cost in RELATIVE_COSTS.items()
     }
-    cheapest = _cheapest(scene, believed, allowed)
-    if cheapest is not None:
+    if cheapest := next(_within(scene, believed, allowed), None):
         return cheapest
     best = min(believed, key=lambda setting: believed[setting])
     nearest = f"{believed[best]:.2%} ({believed[best] * force:.2g} N)"
@@ -95,7 +95,7 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
 def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
     """Return a scene with the cheapest settings whose corrected result keeps a tolerance.
 
-    Where no bias is known, or none leaves so little, ``keeping`` chooses by the raw force.
+    Where none is known or corrected, or none leaves so little, ``keeping`` goes by the raw force.
     """
     return corrected_scene(scene, tolerance) or keeping(scene, tolerance)
 
@@ -104,15 +104,15 @@ def corrected_scene(scene: Scene, tolerance: Tolerance) -> Scene | None:
     """Return a scene with the cheapest settings whose bias is known and keeps a tolerance."""
     stated = {each: worth.error_ratio for each, worth in corrected_settings(scene).items()}
     allowed = _allowed(next(iter(stated)).applied(scene), tolerance) if stated else 0.0
-    return _cheapest(scene, stated, allowed)
+    kept = _within(scene, stated, allowed)
+    return next((each for each in kept if has_own_way(each, plan_effects(each))), None)
 
 
-def _cheapest(scene: Scene, errors: dict[Setting, float], allowed: float) -> Scene | None:
-    """Return a scene with the first setting that errs by so little; effects get what it leaves."""
+def _within(scene: Scene, errors: dict[Setting, float], allowed: float) -> Iterator[Scene]:
+    """Yield a scene with each setting that errs by so little; effects get what it leaves."""
     for setting, own in errors.items():
         if own <= allowed:
-            return replace(setting.applied(scene), tolerance=allowed - own)
-    return None
+            yield replace(setting.applied(scene), tolerance=allowed - own)
 
 
 def _allowed(scene: Scene, tolerance: Tolerance) -> float:

@@ -166,7 +166,7 @@ def _judged(
         error = estimated(scene, plan, found, way=end.way)
         wall["estimate"] = time.perf_counter() - started
     corrected = correction(scene, plan, found, end.way) if end.way_path else None
-    if end.way and not end.way_path:
+    if not end.way_path:
         scene = replace(scene, path_refinement=None)
     return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
 
@@ -208,6 +208,7 @@ def measure(
     ratio_min, judged = point.equilibrium.min_jacobian, guaranteed(scene)
     error = error.beyond_rules(scene, point.depth_m, traction_gap, ratio_min, at_rim=at_rim)
     stated = error.relative.get(judged) if corrected is None else corrected.error_relative
+    as_stated = scene if corrected else replace(scene, path_refinement=None)
     return PressResult(
         force_n=tuple(point.force_n.tolist()),
         moment_nm=tuple(contact.moment_nm.tolist()),
@@ -236,7 +237,7 @@ def measure(
         guaranteed_error_relative=stated,
         effects=plan.as_json(),
         preset=str(setting_of(scene)),
-        alternatives=alternatives(scene, stated, wall_s=sum(wall_s.values()), judged=judged),
+        alternatives=alternatives(as_stated, stated, wall_s=sum(wall_s.values()), judged=judged),
         model=model,
         point=point,
     )

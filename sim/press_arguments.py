@@ -74,7 +74,7 @@ def scene_of(terms: SceneTerms) -> Scene:
     duration = _quantity(terms.duration, Dimension.TIME, "--duration")
     pad = known.pad if known is not None else parsing.parse_pad(terms.pad or "")
     tetwild = known.tetwild if known is not None else TetWildOptions()
-    tolerance, others = _tolerances(terms.tolerance)
+    tolerance, others = tolerances_of(terms.tolerance)
     scene = Scene(
         pad=pad,
         material=layers[-1].material,
@@ -105,7 +105,7 @@ def scene_of(terms: SceneTerms) -> Scene:
     return replace(scene, tolerance=tolerance.of(expected_force(scene)))
 
 
-def _tolerances(text: str | None) -> tuple[Tolerance | None, tuple[tuple[Output, float], ...]]:
+def tolerances_of(text: str | None) -> tuple[Tolerance | None, tuple[tuple[Output, float], ...]]:
     """Read F_z's tolerance and those of other outputs, such as ``1%,shear=5%``."""
     force, others = None, []
     for part in [] if text is None else text.split(","):
@@ -154,8 +154,7 @@ def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
         return tuple(parsing.parse_layer(text, law=terms.law) for text in terms.layer)
     if known:
         return tuple(replace(k, material=replace(k.material, law=terms.law)) for k in known)
-    whole = None if sensor is None else sensor.material
-    return (Layer(share=1.0, material=_material(whole, terms)),)
+    return (Layer(share=1.0, material=_material(sensor.material if sensor else None, terms)),)
 
 
 def _material(known: Material | None, terms: SceneTerms) -> Material:

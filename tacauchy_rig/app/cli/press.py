@@ -96,12 +96,11 @@ def press(
     """
     from sim.device import warp_device
     from sim.press import press as simulate_press
-    from sim.press_arguments import scene_of
+    from sim.press_arguments import scene_of, tolerances_of
 
-    limit_s = _seconds(time_limit)
     # What is written is asked for.
     terms = replace(terms, output=tuple(output or ()) if out is None else tuple(Output))
-    with limited_to(limit_s):
+    with limited_to(_seconds(time_limit)):
         scene = scene_of(terms)
         images = _optics_for(scene, out, optics, background)
         if terms.law == LawName.PAPER_EQ4:
@@ -112,7 +111,8 @@ def press(
             estimate_error=estimate_error,
             keeps_states=out is not None,
         )
-    _show(scene, result)
+    kept = None if terms.preset else tolerances_of(terms.tolerance)[0]
+    _show(scene, result, None if kept is None else kept.of(result.force_n[2]))
     _show_interfaces(result)
     write_json(json_file, result.as_json())
     if out is not None:
@@ -157,16 +157,14 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     )
     say(f"preset: {setting_of(scene)}")
     say(f"mesh: {kind.value}: {why}")
-    for asked, allowed in planned.tolerances.items():
-        left_out = planned.left_out(asked)
-        say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
+    for each, most in planned.tolerances.items():
+        say(f"left out together: {planned.left_out(each):.2e} of {most:.2e} allowed of {each}")
     say(f"trying took {planned.tried_s:.2f} s of the processor")
     judged = guaranteed(scene)
     others = alternatives(scene, None, wall_s=None, judged=judged)
     worth = costs_of(scene).get(setting_of(scene))
-    ratio = None if worth is None else worth.time_ratio
-    cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
-    say(f"cost       {cost}; `press` estimates the error of its {judged.value}")
+    about = worth and f"about {worth.time_ratio:.2g} times the time of preset fast"
+    say(f"cost       {about or 'not known'}; `press` estimates the error of its {judged.value}")
     for other in others:
         say(f"{other.role:10} {other}")
     write_json(
@@ -178,7 +176,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "tolerances": {each.value: share for each, share in planned.tolerances.items()},
             "left_out": {each.value: planned.left_out(each) for each in planned.tolerances},
             "tried_s": planned.tried_s,
-            "time_over_fast": ratio,
+            "time_over_fast": worth and worth.time_ratio,
             "alternatives": [asdict(other) for other in others],
         },
     )
@@ -244,7 +242,7 @@ def _warn_of_rest_stress(material: Material) -> None:
     )
 
 
-def _show(scene: Scene, result: PressResult) -> None:
+def _show(scene: Scene, result: PressResult, allowed: float | None) -> None:
     from sim.scene.indenter import describe
 
     say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
@@ -280,6 +278,11 @@ def _show(scene: Scene, result: PressResult) -> None:
     error, neighbours = result.guaranteed_error_relative, result.alternatives
     for line in cost_lines(error, basis, cost, neighbours, quantity=quantity):
         say(line)
+    if allowed and error and error > allowed:
+        complain(
+            f"warning: the stated error of the {result.guaranteed}, {error:.2%}, is above the "
+            f"tolerance, {allowed:.2%}; a smaller --tolerance takes finer meshes"
+        )
     others = ", ".join(
         f"{name} {share:.1%}"
         for name, share in result.estimated_errors.items()

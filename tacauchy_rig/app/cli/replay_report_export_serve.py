@@ -161,7 +161,7 @@ def replay_and_show(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",
             remedy=f"`{command_line('replay', run.store.paths.root)}` continues it",
         ) from None
-    _say_markers([each for model in replay.models for each in model.markers])
+    _say_markers([each for model in replay.models for each in model.markers if each.tracked])
     _say_cost(replay)
 
 
@@ -199,13 +199,12 @@ def _say_cost(replay: Replay) -> None:
 
 def _say_markers(markers: Sequence[MarkerMotion]) -> None:
     for found in markers:
-        if found.tracked:
-            say(
-                f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
-                f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
-                f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms, "
-                f"{found.apart_median_px or 0.0:.2f} px in the median"
-            )
+        say(
+            f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
+            f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
+            f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms, "
+            f"{found.apart_median_px or 0.0:.2f} px in the median"
+        )
 
 
 def _mm(length_m: float | None) -> str:

@@ -105,8 +105,6 @@ class SessionProgress:
                 say(f"  {detail.get('how', event.name)}")
             case _ if event.name == PROGRESS:
                 self._update(event)
-            case _:
-                pass
 
     def _enter(self, event: JournalEvent) -> None:
         name = str(event.detail.get("phase", ""))
