@@ -42,6 +42,7 @@ class ContactOptions:
     stiffness: float = 8.0  # kappa over E d_hat
     # By how many times d_hat a point may overlap where the barrier is a parabola altogether
     overlap: float = 0.0
+    many_points: bool = False  # 48 contact points a face, where a corner would cut between 12
 
     @property
     def is_tangential(self) -> bool:

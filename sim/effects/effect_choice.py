@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 from sim.effects import depth_and_inertia_scales as estimates
+from sim.effects.mesh_choice import is_cut
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.press_with_effects import COARSE_RATIOS, coarse_press
 from sim.scene.scene import Effect, Output, Preset, Scene
@@ -45,6 +46,7 @@ _GRIPS = 1.0
 _FOLDS = "a sharp rim this deep has several equilibria, between which the least effect chooses"
 # A tolerance that is none; it keeps quotients finite.
 _NOTHING = 1e-30
+_Costs = dict[Output, float]  # relative errors
 
 
 @lru_cache(maxsize=256)
@@ -104,13 +106,13 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
     if why:
         return _with(plan, effect, reason=f"on untried: {why}")
     try:
-        costs, spent = _tried(scene, plan, effect)
+        costs, spent, count = _tried(scene, plan, effect)
     except TimeLimitError:
         raise
     except RigError as error:
         return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
     plan = replace(plan, tried_s=plan.tried_s + spent)
-    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in ratios)
+    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in ratios[:count])
     return _weighed(plan, effect, costs, f"tried on edges {edges} times as long")
 
 
@@ -118,6 +120,8 @@ def _why_needed(scene: Scene, plan: EffectPlan) -> str:
     """Say why a scene needs its friction without a try, or nothing."""
     if any(scene.motion.shift_m) or scene.motion.twist_rad:
         return "the indenter moves along the gel"
+    if is_cut(scene, slides=False):
+        return "an acute corner this deep cuts gel that slides"
     for output in (Output.SHEAR, Output.MARKERS):
         allowed = plan.tolerances.get(output)
         if allowed is not None and scene.friction > _GRIPS * allowed:
@@ -125,35 +129,32 @@ def _why_needed(scene: Scene, plan: EffectPlan) -> str:
     return ""
 
 
-def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output, float], float]:
-    """Return what leaving an effect out costs each output, and the processor's time for it [s]."""
+def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[_Costs, float, int]:
+    """Return what leaving an effect out costs each output, the processor's time [s], and meshes."""
     without = _with(plan, effect, on=False)
     found, spent = [], 0.0
     for ratio in COARSE_RATIOS[scene.preset]:
         pressed = [coarse_press(scene, each, ratio) for each in (without, plan)]
         spent += sum(each.processor_s for each in pressed)
         found.append(pressed[0].outputs.differences(pressed[1].outputs))
+        if any(plan.left_out(k) + found[0][k] > allowed for k, allowed in plan.tolerances.items()):
+            break  # with a finer mesh costs would be no less
     coarse, fine = found[0], found[-1]
-    costs = {
-        output: fine[output] + abs(fine[output] - coarse[output])
-        if len(found) > 1
-        else (_ONE_COARSE if output in _SUMS else _ONE_COARSE_FIELDS) * fine[output]
-        for output in fine
-    }
-    return costs, spent
+    if len(COARSE_RATIOS[scene.preset]) > 1:
+        costs = {each: fine[each] + abs(fine[each] - coarse[each]) for each in fine}
+    else:
+        costs = {k: (_ONE_COARSE if k in _SUMS else _ONE_COARSE_FIELDS) * fine[k] for k in fine}
+    return costs, spent, len(found)
 
 
-def _weighed(
-    plan: EffectPlan, effect: Effect, costs: dict[Output, float], basis: str
-) -> EffectPlan:
+def _weighed(plan: EffectPlan, effect: Effect, costs: _Costs, basis: str) -> EffectPlan:
     """Leave an effect out if that keeps every tolerance, with what is left out already."""
     sums = {output: plan.left_out(output) + costs[output] for output in plan.tolerances}
     worst = max(sums, key=lambda output: sums[output] / max(plan.tolerances[output], _NOTHING))
     on = sums[worst] > plan.tolerances[worst]
-    verb = "would be" if on else "is"
     reason = (
-        f"{basis}; with all that is left out {worst.value} {verb} {sums[worst]:.2%} off, "
-        f"{plan.tolerances[worst]:.2%} allowed"
+        f"{basis}; with all that is left out {worst.value} {'would be' if on else 'is'} "
+        f"{sums[worst]:.2%} off, {plan.tolerances[worst]:.2%} allowed"
     )
     return _with(plan, effect, on=on, costs=costs, reason=reason)
 

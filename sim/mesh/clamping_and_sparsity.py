@@ -139,8 +139,10 @@ class Discretisation:
         return int(self.face_parents[np.argmax(heights)])
 
 
-def discretise(mesh: TetMesh, *, order: tetrahedra.ElementOrder) -> Discretisation:
-    """Clamp a mesh at its base and give it an element type.
+def discretise(
+    mesh: TetMesh, *, order: tetrahedra.ElementOrder, many_points: bool = False
+) -> Discretisation:
+    """Clamp a mesh at its base, give it an element type and, if asked, many contact points.
 
     Raises:
         ConfigError: A tetrahedron has no positive volume.
@@ -163,7 +165,7 @@ def discretise(mesh: TetMesh, *, order: tetrahedra.ElementOrder) -> Discretisati
             remedy="orient the tetrahedra or mesh the pad again",
         )
     return Discretisation(
-        reference=tetrahedra.reference_element(order),
+        reference=tetrahedra.reference_element(order, many_points=many_points),
         nodes=nodes,
         elements=elements,
         faces=faces[outer],

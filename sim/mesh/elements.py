@@ -5,6 +5,7 @@ Node order follows VTK: corners 0-3, then the edges 01, 12, 20, 03, 13, 23. Quad
 straight-sided at rest, so one inverse Jacobian serves all their points.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -70,9 +71,13 @@ class ReferenceElement:
         return np.asarray(0.5 * np.cross(along[0], along[1]) * self.face_weights[:, None])
 
 
-def reference_element(order: ElementOrder) -> ReferenceElement:
-    """Return the tables of an element type."""
+def reference_element(order: ElementOrder, *, many_points: bool = False) -> ReferenceElement:
+    """Return the tables of an element type, with a rule in each quarter of a face if asked."""
     face_points, face_weights = _triangle_rule()
+    if many_points:
+        quarters = 0.5 * np.stack([*(np.eye(3) + corner for corner in np.eye(3)), 1.0 - np.eye(3)])
+        face_points = (face_points @ quarters).reshape(-1, 3)
+        face_weights = np.tile(0.25 * face_weights, 4)
     if order is ElementOrder.P1:
         points, weights = np.full((1, 4), 0.25), np.ones(1)
         face_values = face_points
@@ -184,15 +189,9 @@ def _quadratic_gradients(
 
 def _triangle_rule() -> tuple[FloatArray, FloatArray]:
     """Return Dunavant's degree-six rule of a triangle: points [12, 3] and weights [12]."""
-    points: list[tuple[float, float, float]] = []
-    weights: list[float] = []
-    orbits = ((0.116786275726379, 0.249286745170910), (0.050844906370207, 0.063089014491502))
-    for weight, b in orbits:
-        points += [(1 - 2 * b, b, b), (b, 1 - 2 * b, b), (b, b, 1 - 2 * b)]
-        weights += [weight] * 3
+    orbits = (0.249286745170910, 0.063089014491502)
+    points = [q for b in orbits for q in ((1 - 2 * b, b, b), (b, 1 - 2 * b, b), (b, b, 1 - 2 * b))]
     a, b = 0.310352451033785, 0.053145049844816
-    c = 1.0 - a - b
-    points += [(a, b, c), (a, c, b), (b, a, c), (b, c, a), (c, a, b), (c, b, a)]
-    weights += [0.082851075618374] * 6
-    total = np.array(weights)
-    return np.array(points), total / total.sum()
+    other = list(itertools.permutations((a, b, 1.0 - a - b)))
+    weights = np.repeat([0.116786275726379, 0.050844906370207, 0.082851075618374], [3, 3, 6])
+    return np.concatenate([points, other]), weights / weights.sum()

@@ -28,6 +28,7 @@ _SIZE_MAX_M = 0.5
 _EDGE_SHARE_MAX = 0.25
 # Of a mesh's size: points of its lowest face may differ by so much in height.
 _SAME_HEIGHT = 1e-6
+_UPRIGHT, _ACUTE = 0.3, -0.26  # z of an upright face's normal; cosine between those of two faces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +122,15 @@ class MeshIndenter:
     def blunted_m(self) -> float:
         """Height of its lowest point: what rounding took off a tip [m]."""
         return float(self.surface.vertices[:, 2].min()) - self.rounding_m
+
+    @property
+    def has_acute_corner(self) -> bool:
+        """Two upright faces meet at less than 75 degrees."""
+        normals = self.surface.face_normals
+        normals = np.where(np.abs(normals[:, 2:]) < _UPRIGHT, normals, 0.0)
+        return bool(
+            np.einsum("fi,fki->fk", normals, normals[self.surface.neighbours]).min() < _ACUTE
+        )
 
     def with_edges(self, radius_m: float) -> MeshIndenter:
         """Return the body with outer edges and corners of at least this radius [m].

@@ -49,7 +49,7 @@ class Model:
     ) -> None:
         self.mesh, self.law, self.device = mesh, law, device
         self.contact_options = contact_options or ContactOptions()
-        pad = discretise(mesh, order=order)
+        pad = discretise(mesh, order=order, many_points=self.contact_options.many_points)
         self.discretisation = pad
         self.reference, self.pattern = pad.reference, pad.pattern
         self.nodes, self.elements, self.clamped = pad.nodes, pad.elements, pad.clamped

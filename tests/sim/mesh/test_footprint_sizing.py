@@ -276,3 +276,14 @@ def test_halving_keeps_the_pad_and_meets_the_field() -> None:
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     assert np.all(lengths <= 1.5 * size_at(ends.mean(axis=1)))
     assert mesh.content_hash == bisected(coarse(), size_at).content_hash
+
+
+@pytest.mark.parametrize(("sectors", "mu", "count"), [(3, 0.0, 48), (3, 0.5, 12), (4, 0.0, 12)])
+def test_gel_that_slides_past_an_acute_corner_has_many_contact_points(
+    sectors: int, mu: float, count: int
+) -> None:
+    """Twelve a face let the corner of a triangle cut it; a square's does not."""
+    triangles = cylinder_triangles(Cylinder(diameter_m=2e-3), sectors=sectors)
+    body = mesh_indenter(*triangles, name="prism")
+    scene = replace(SCENE, indenter=body, preset=Preset.BALANCED, contact="friction", friction=mu)
+    assert build_model(scene, refinement=0.5).surface.areas.shape[1] == count
