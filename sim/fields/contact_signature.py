@@ -1,9 +1,7 @@
 """Signatures of pressing, sliding and torsion as numbers (paper, section IV-E).
 
-Directions are judged at the mesh's vertices, as the paper's force fields are (Algorithm 2). A face
-has more contact points than its displacement can obey at once: where the gel sticks, what a point
-is off by within its face, a tenth of a micrometre, is a tenth of the slip length and so of its
-traction. Gathered at vertices these parts cancel, while sums stay what they are.
+Directions are judged at the mesh's vertices, as the paper's force fields are (Algorithm 2): what
+scatters from point to point (see ``pressure_and_shear``) cancels there, while sums stay.
 """
 
 from dataclasses import dataclass

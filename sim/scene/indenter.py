@@ -128,9 +128,8 @@ class MeshIndenter:
         """Two upright faces meet at less than 75 degrees."""
         normals = self.surface.face_normals
         normals = np.where(np.abs(normals[:, 2:]) < _UPRIGHT, normals, 0.0)
-        return bool(
-            np.einsum("fi,fki->fk", normals, normals[self.surface.neighbours]).min() < _ACUTE
-        )
+        around = normals[self.surface.neighbours]
+        return bool(np.einsum("fi,fki->fk", normals, around).min() < _ACUTE)
 
     def with_edges(self, radius_m: float) -> MeshIndenter:
         """Return the body with outer edges and corners of at least this radius [m].
@@ -176,10 +175,8 @@ def _bounded(
     indenter: MeshIndenter, surface: TriangleSurface, lift_m: float, *, rounding_m: float
 ) -> MeshIndenter:
     """Return a body around other triangles, lifted."""
-    lifted = replace(surface, vertices=surface.vertices + np.array([0.0, 0.0, lift_m]))
-    return replace(
-        indenter, surface=lifted, content_hash=lifted.content_hash, rounding_m=rounding_m
-    )
+    moved = replace(surface, vertices=surface.vertices + np.array([0.0, 0.0, lift_m]))
+    return replace(indenter, surface=moved, content_hash=moved.content_hash, rounding_m=rounding_m)
 
 
 def describe(indenter: Indenter) -> str:

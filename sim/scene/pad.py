@@ -42,9 +42,8 @@ class BoxPad:
 
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the top at rest [m]."""
-        return np.asarray(
-            self.height_m - 0.5 * x**2 / self.dome_radius_x_m - 0.5 * y**2 / self.dome_radius_y_m
-        )
+        along_x = self.height_m - 0.5 * x**2 / self.dome_radius_x_m
+        return np.asarray(along_x - 0.5 * y**2 / self.dome_radius_y_m)
 
     def half_extents(self) -> tuple[float, float]:
         """Return half the extents in x and y [m]."""
@@ -130,13 +129,9 @@ class SurfacePad:
         """Return the height of the top at rest [m], -inf beside the pad."""
         from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        mirror = np.array([1.0, 1.0, -1.0])
-        mirrored = replace(
-            self.surface,
-            vertices=self.surface.vertices * mirror,
-            face_normals=self.surface.face_normals * mirror,
-        )
-        return -underside(mirrored)(x, y)
+        surface, mirror = self.surface, np.array([1.0, 1.0, -1.0])
+        vertices, normals = surface.vertices * mirror, surface.face_normals * mirror
+        return -underside(replace(surface, vertices=vertices, face_normals=normals))(x, y)
 
     def half_extents(self) -> tuple[float, float]:
         """Return half the extents in x and y [m]."""

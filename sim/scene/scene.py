@@ -33,10 +33,8 @@ class TetWildOptions:
 
     l_r: float | None = None  # largest edge length over the bounding box's diagonal
     epsilon_r: float | None = None  # how far the surface may move over the bounding box's diagonal
-    # AMIPS energy at which optimisation stops; 3 is a regular tetrahedron's
-    stop_energy: float | None = None
-    # Least angle between faces of a tetrahedron that is accepted [rad]
-    dihedral_min_rad: float | None = None
+    stop_energy: float | None = None  # AMIPS energy to stop at; 3 is a regular tetrahedron's
+    dihedral_min_rad: float | None = None  # least angle between faces that is accepted [rad]
 
     def __post_init__(self) -> None:
         for name, _, low, high, usual in _TETWILD_SETTINGS.values():

@@ -171,9 +171,8 @@ def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     vertices, inverse = np.unique(vertices, axis=0, return_inverse=True)
     reach = _MERGE_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     pairs = scipy.spatial.cKDTree(vertices).query_pairs(reach, output_type="ndarray")
-    links = scipy.sparse.coo_matrix(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2
-    )
+    ends, shape = (pairs[:, 0], pairs[:, 1]), (len(vertices),) * 2
+    links = scipy.sparse.coo_matrix((np.ones(len(pairs)), ends), shape=shape)
     _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
     _, first = np.unique(group, return_index=True)
     faces = np.asarray(group[inverse.reshape(-1)][faces], dtype=np.int32)
@@ -227,9 +226,8 @@ def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatAr
     back = np.roll(corners, 1, axis=1) - corners
     area = np.cross(ahead[:, 0], back[:, 0])
     face_normals = unit(area)
-    angles = np.arctan2(
-        np.linalg.norm(np.cross(ahead, back), axis=2), np.einsum("fki,fki->fk", ahead, back)
-    )
+    sines = np.linalg.norm(np.cross(ahead, back), axis=2)
+    angles = np.arctan2(sines, np.einsum("fki,fki->fk", ahead, back))
     sums = np.zeros_like(vertices)
     np.add.at(sums, faces, angles[..., None] * face_normals[:, None])
     return face_normals, unit(sums)
@@ -253,10 +251,8 @@ def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
     ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / farthest)[:, None]
     vertices = surface.vertices + by * ways
     # Faces beside a corner that did not go far enough have turned.
-    face_normals, vertex_normals = _normals(vertices, surface.faces)
-    return replace(
-        surface, vertices=vertices, face_normals=face_normals, vertex_normals=vertex_normals
-    )
+    of_faces, at_vertices = _normals(vertices, surface.faces)
+    return replace(surface, vertices=vertices, face_normals=of_faces, vertex_normals=at_vertices)
 
 
 def is_mirrored(surface: TriangleSurface, axis: int) -> bool:

@@ -4,8 +4,7 @@
     P   = m (1 - 1/(I + 1)) F + l (J - alpha) cof F
     m = 4/3 mu, l = lambda + 5/6 mu, alpha = 1 + 3 m / (4 l)
 
-with I = tr F^T F and J = det F. P(1) = 0 and the tangent at rest is Hooke's law, which the paper's
-printed Eq. 2 does not give: that one has P(1) = mu 1.
+with I = tr F^T F and J = det F. P(1) = 0 and the tangent at rest is Hooke's law.
 """
 
 import warp as wp

@@ -34,9 +34,8 @@ def read_image_table(
             reader = csv.DictReader(table)
             lines = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except OSError as error:
-        raise ConfigError(
-            f"{what} {path} cannot be read: {error.strerror}", remedy=remedy
-        ) from error
+        wrong = f"{what} {path} cannot be read: {error.strerror}"
+        raise ConfigError(wrong, remedy=remedy) from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{what} {path} is no CSV: {error}", remedy=remedy) from error
     missing = [name for name in (_IMAGE, *numbers) if name not in (reader.fieldnames or ())]

@@ -1,10 +1,4 @@
-"""What a ball press looks like through a photometric model, and the two things labels get wrong.
-
-Hand-clicked circles are off by a few pixels, and the light of a frame is not the light of the
-no-contact frame: both are estimated here. Automatic white balance and exposure change from frame to
-frame, and ambient light comes from one side: level and gradient over the image are estimated where
-the gel is not touched, and subtracted. At the ends of a camera's range a pixel tells only a bound.
-"""
+"""What a ball press looks like through a photometric model: its circle, and its frame's light."""
 
 from __future__ import annotations
 

@@ -129,11 +129,7 @@ def fit_model(
 def averaged_no_contact(
     placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene, stride: int
 ) -> FloatArray:
-    """Average every so many pixels of the no-contact frame over all frames outside their contacts.
-
-    One frame has a camera's noise of one or two grey levels in every pixel, which a rendering over
-    it would repeat; each press shows most of the gel as well, once its light and skirt are off.
-    """
+    """Average every so many pixels of the no-contact frame over all frames outside contacts."""
     rows, columns = scene.lattice(stride)
     position, averaged = scene.normalised(columns, rows), scene.background.copy()
     total = averaged[rows, columns]

@@ -327,11 +327,8 @@ def check_before(
                 f"diameter {ball_radius_m * 2e3:.2f} mm",
                 remedy="correct the circle's radius_px, --scale or --ball-diameter",
             )
-    warnings = []
-    if len(presses) < _FEW:
-        warnings.append(
-            f"only {len(presses)} presses: {_FEW} or more, all over the image, are wanted"
-        )
+    few = f"only {len(presses)} presses: {_FEW} or more, all over the image, are wanted"
+    warnings = [few] if len(presses) < _FEW else []
     shares = {press.name: _saturated_share(press) for press in presses}
     bad = [name for name, share in shares.items() if share > _SATURATED_WARN]
     worst = float(np.median(list(shares.values())))

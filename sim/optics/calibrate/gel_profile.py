@@ -1,11 +1,4 @@
-"""The gel around a pressed ball, as the simulator presses it: its surface, and how markers move.
-
-A dome's colours are in the no-contact frame already. Gel under the ball moves away from the image's
-middle, as it comes nearer to the camera; the simulated surface moves outwards by itself; a ball
-that is not moved exactly along its axis takes the gel under it along or turns it; and between two
-frames the whole image may drift. The first two are one distance and one factor for all presses, the
-others are found of each press from its own markers.
-"""
+"""The gel around a pressed ball, as the simulator presses it: its surface, and how markers move."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,12 +1,8 @@
 """Least-squares fit of the photometric model to samples of tilt and colour.
 
-Two numbers are fitted beside the coefficients: where the camera's shoulder begins, and the weight
-of the ridge, judged by presses that the fit leaves out. An even light and clean frames bear finer
-terms than wrinkles, scratches and uneven light do.
-
-Near lamps: the model is linear in everything but their places, so each trial of those costs one
-linear least-squares fit (variable projection, Golub and Pereyra 1973). Every combination of
-directions is tried, then the best is refined. The sensor's file gives only the lamps' number.
+Presses that a fit leaves out choose its ridge: clean, evenly lit frames bear finer terms. The model
+is linear in everything but the lamps' places, so each trial of those costs one linear fit (variable
+projection, Golub and Pereyra 1973).
 """
 
 from __future__ import annotations
@@ -208,9 +204,7 @@ def fit_ridge(
     for first in range(_GROUPS):
         rest = [press for i, press in enumerate(presses) if i % _GROUPS != first]
         pairs.append((NormalEquations.total(rest), NormalEquations.total(judged[first::_GROUPS])))
-    return min(
-        _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge * held)) for rest, out in pairs)
-    )
+    return min(_RIDGES, key=lambda r: sum(out.misfit(rest.solved(r * held)) for rest, out in pairs))
 
 
 def fit_response(

@@ -1,8 +1,7 @@
 """What every model of colours provides, and the radiometric response of a camera.
 
-Below the knee of the response a grey level is a unit of light. Above it each further unit counts
-for less, so that the end of the range is approached and never reached (an exponential shoulder, as
-in films and most cameras' tone curves). A knee at the end of the range is a camera that clips.
+Below the knee of the response a grey level is a unit of light. Above it an exponential shoulder
+never reaches the end of the range. A knee at that end is a camera that clips.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The optics that a sensor's file gives, before any calibration: lamps, or grey by depth.
+"""The optics that a sensor's file gives, before any calibration: lamps, or grey by depth (9DTact).
 
-Grey level by depth is the optics of a sensor that sees a translucent gel grow thinner (9DTact): its
-file gives a table; ball presses give a polynomial in the indentation alone, with
-``GREY_EXPONENTS`` in place of the terms of slope and place.
+For grey by depth a file gives a table; ball presses give a polynomial in the indentation alone,
+with ``GREY_EXPONENTS`` in place of the terms of slope and place.
 """
 
 from __future__ import annotations

@@ -1,15 +1,9 @@
 """Photometric model: tilt, place and indentation of the surface to a change of colour.
 
-After Taxim (Si and Yuan 2022), who map slope to colour with a low-order polynomial in pixel
-position; here the whole map is one polynomial with coefficients as data. It also knows how deep
-the surface is pressed: under a ball's centre the gel is level as at rest, and yet darker. A
-calibration may add near lamps and creases, which no polynomial follows.
-
-A lamp beside the gel lights a slope by the cosine of the angle between them, and not at all beyond
-its terminator (Lambert; the near lamp's direction changes over the image). Light that the gel
-scatters everywhere reaches a ridge from more sides than a groove, so that a sharp edge shows as a
-bright line beside a dark one. The terms enter the photometric model linearly, with level and
-gradient over the image each; they vanish on level gel.
+One polynomial with coefficients as data, after Taxim (Si and Yuan 2022), and linear terms of near
+lamps (by the cosine of the angle, none beyond the terminator: Lambert) and creases (scattered light
+reaches a ridge from more sides than a groove), with level and gradient over the image each; these
+terms vanish on level gel.
 """
 
 from __future__ import annotations
@@ -373,9 +367,8 @@ def load_photometric(path: Path) -> PhotometricModel:
     except FileNotFoundError as error:
         raise ConfigError(f"optics calibration {path} does not exist", remedy=remedy) from error
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
-        raise ConfigError(
-            f"{path} is not an optics calibration ({error})", remedy=remedy
-        ) from error
+        wrong = f"{path} is not an optics calibration ({error})"
+        raise ConfigError(wrong, remedy=remedy) from error
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:

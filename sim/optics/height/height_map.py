@@ -1,17 +1,14 @@
 """Heights per pixel of deformed surfaces of one gel, from the deformed mesh, on one device.
 
-A revolved mesh follows a circle by straight edges. Where the surface bends sharply within the
-height of the arc over its chord, as on a punch's wall, the nodes of one circle deform to a star:
-those in the middle of chords come out right, those at the ends lie too far out, by half the arc's
-height. Only for drawing, the nodes at the ends of chords are put onto the smooth closed curve
-through those in the middle.
+Where a revolved mesh bends sharply within the height of the arc over its chord, as on a punch's
+wall, the nodes of one circle deform to a star: those at the ends of chords lie too far out, by half
+the arc's height. Only for drawing, they are put onto the smooth closed curve through those in the
+middle.
 
-Heights are interpolated as a graph over the image, from facet to facet. Where a wall is steep, its
-quadratic face is seen as a narrow sliver, and a graph through its six nodes is not the face. A face
-is cut in sixteen, all of them the same quadratic surface. Edges of which only one face is cut stay
-straight seen from above, as the other face draws them. A face's places are the points of a grid of
-eighths: its six nodes, six more on each edge, and 21 inside. Which faces are steep changes with
-every press; the tables serve whichever are.
+A steep face is a narrow sliver seen from above, and a graph through its six nodes is not the face:
+it is cut in sixteen. Edges of which only one face is cut stay straight seen from above, as the
+other face draws them. A face's places are the points of a grid of eighths: its six nodes, six more
+on each edge, and 21 inside.
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,4 @@
-"""Printed markers: found in a no-contact frame, followed into other frames, and what they hide.
-
-A pixel shows gel and ink in shares that are read off the no-contact frame, so that a rendered image
-has the markers of this very unit, blurred as its camera blurs them, over gel lit as it is then. Any
-pattern that is darker than the gel is found: grids, irregular dots, dense speckles.
-"""
+"""Printed markers: found in a no-contact frame, followed into other frames, and what they hide."""
 
 from dataclasses import dataclass
 from functools import partial

@@ -132,10 +132,7 @@ def seen_motion(surface: SurfaceState, places: FloatArray, geometry: CameraGeome
 
 
 class MarkerPrinter:
-    """Prints the markers of a no-contact frame over ``count`` images of bare gel, on one device.
-
-    Every pixel finds the gel that it sees, so that markers are deformed like the surface.
-    """
+    """Prints the markers of a no-contact frame over ``count`` images of bare gel, on one device."""
 
     def __init__(
         self,
@@ -149,10 +146,8 @@ class MarkerPrinter:
         self._device = on = Device(device)
         self._size = (-(-geometry.height // _SPACING_PX) + 1, -(-geometry.width // _SPACING_PX) + 1)
         rows, columns = np.indices(self._size).reshape(2, -1) * float(_SPACING_PX)
-        pixels = np.stack([columns, rows], axis=1)
-        self._lattice = SeenPoints(
-            top, geometry.to_pad(pixels), geometry, count=count, device=device, beside=True
-        )
+        at = geometry.to_pad(np.stack([columns, rows], axis=1))
+        self._lattice = SeenPoints(top, at, geometry, count=count, device=device, beside=True)
         shape = (count, *self._size)
         self._moved, self._motion = (on.zeros(shape, wp.vec2f) for _ in range(2))
         self._ink: Any = on.array(markers.fine, wp.vec4f)

@@ -1,12 +1,8 @@
-"""Shadows that a dent casts in the tactile image.
+"""Shadows that a dent casts in the tactile image, found in one sweep along every lamp's rays.
 
-Shadows are found in one sweep along the rays that part from every lamp. A ray carries the steepest
-slope from the lamp that the gel has cut off so far: each pixel is visited once, however long the
-shadows are. Heights between pixels are interpolated linearly across the rays. As a lamp has a size,
-the penumbra widens with the distance from what casts the shadow.
-
-Seen from the camera a pressed gel bulges towards it; a lamp that grazes the gel leaves the gel
-behind it dark.
+A ray carries the steepest slope from the lamp that the gel has cut off so far: each pixel is
+visited once, however long the shadows are. Heights are interpolated linearly across the rays. Seen
+from the camera a pressed gel bulges towards it.
 """
 
 import math
