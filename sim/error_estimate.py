@@ -1,15 +1,13 @@
 """Estimated errors of a press: slope |d| + rest / refinement^2 + share d_hat / depth.
 
-d is an output's change with edges twice as long (Richardson 1911; Roache 1994; see
-docs/explanation/accuracy.md). Meshes are not nested here, and with the edges the sectors change:
-the contact's edge cuts other elements, a rim otherwise than a ball. That and a wide barrier add the
-parts that no extrapolation sees. The three numbers for each output were fitted so that nine drawn
-presses in ten have a smaller error.
+docs/explanation/accuracy.md describes the terms; d is an output's change with edges twice as long.
+The three numbers for each output were fitted so that nine drawn presses in ten have a smaller
+error. Meshes are not nested, and with the edges the sectors change: the contact's edge cuts other
+elements, a rim otherwise than a ball.
 
 Of shear, d is the change of its field with longer edges, face by face, over the root of the number
-of touched faces: the faces err independently, and the stated error is a norm over all. It is so
-under balls and rims, on every preset. d counts by the share of mu that is left: where all slides no
-mesh changes the shear, and without friction there is none.
+of touched faces: the faces err independently, and the stated error is a norm over all. d counts by
+the share of mu that is left: where all slides no mesh changes the shear, nor without friction.
 """
 
 from __future__ import annotations

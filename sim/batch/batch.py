@@ -1,8 +1,7 @@
 """Many presses on one pad at once, at any place, with one set-up for all.
 
-Every environment has its own indenter, pose, friction and gel. All share the pad's mesh and the
-inverse of its undeformed stiffness (``sim.batch.contact_inverse``), and use the solver of a single
-press. Arrays stay on the device; on a GPU a step, or a whole trajectory, is one CUDA graph.
+Every environment has its own indenter, pose, friction and gel. docs/explanation/solver.md says what
+they share. Arrays stay on the device; on a GPU a step, or a whole trajectory, is one CUDA graph.
 """
 
 from __future__ import annotations

@@ -6,12 +6,10 @@ nodes, and Woodbury's identity gives
     K^-1 = K0^-1 - K0^-1 N S^-1 N^T K0^-1,  S = C^-1 + N^T K0^-1 N
 
 so that only the block of K0^-1 at the surface (``compliance``) and a small dense system for every
-environment are needed. Nothing in them depends on the indenter, its place or its path. A load adds
-the indenter's height: a further unknown, held by a weak spring ``held``, to which every touching
-node is tied. One averaged normal for a node instead of three directions takes up to eight times as
-many evaluations under a punch's rim.
-
-A block of threads has one environment; on a CPU it is one thread.
+environment are needed. A load adds the indenter's height: a further unknown, held by a weak spring
+``held``, to which every touching node is tied. One averaged normal for a node instead of three
+directions takes up to eight times as many evaluations under a punch's rim. A block of threads has
+one environment; on a CPU it is one thread.
 """
 
 # Annotations are evaluated where they stand: those of native functions name a type given below.

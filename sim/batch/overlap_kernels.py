@@ -33,11 +33,8 @@ _LIGHT, _STEEP = wp.constant(wp.float64(0.5)), wp.constant(wp.float64(0.9))
 _DEEP_FROM = wp.constant(wp.float64(0.25))
 # A round body is met from below: along tangents, which pass through no convex body; one of
 # triangles need not be convex, and is met by the gap itself.
-_RISES, _MET_M, _FLATTEST = (
-    wp.constant(30),
-    wp.constant(wp.float64(1e-9)),
-    wp.constant(wp.float64(1e-3)),
-)
+_RISES, _MET_M = wp.constant(30), wp.constant(wp.float64(1e-9))
+_FLATTEST = wp.constant(wp.float64(1e-3))
 _FAR = wp.constant(wp.float64(1e9))  # in place of infinity [m]
 _Sums = wp.types.vector(length=8, dtype=wp.float64)
 

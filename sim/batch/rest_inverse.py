@@ -1,11 +1,9 @@
 """The inverse of the undeformed gel's stiffness, which serves every press on a sensor.
 
-On a processor it is a sparse factor; columns at the surface are solved for when a node is touched
-for the first time. On a GPU it is dense and made there (``dense_inverse_kernels``), so that
-applying it to a batch is one product of two matrices, for tensor cores in float16 with float32
-sums: a preconditioner needs no more digits. Warp's own tile product takes most of a minute to
-compile and leaves the cores idle for so few columns; here each warp feeds them from a matrix that
-was laid out for them once.
+docs/decisions/0006-batches-share-the-undeformed-inverse.md says why. On a processor, columns at the
+surface are solved for when a node is touched for the first time. Warp's own tile product takes most
+of a minute to compile and leaves a GPU's tensor cores idle for so few columns; here each warp feeds
+them from a matrix that was laid out for them once, with float32 sums.
 """
 
 from typing import Any

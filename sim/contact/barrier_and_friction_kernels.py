@@ -1,34 +1,20 @@
 """Warp kernels of contact between the gel's surface and the indenter: barrier, friction, bonding.
 
-Barrier. It is integrated over the rest surface, so it converges under refinement:
+docs/explanation/contact.md has the energies and their sources; here its slip length l is ``slip``.
+Newton frees a point by a factor of four an iteration with IPC's barrier -(s - 1)^2 ln s, in one
+with this. Below s = extension the barrier goes on as the parabola that joins it with two
+derivatives, so that Newton may start from a slight overlap; an accepted equilibrium has every s
+above the extension, where that changes nothing.
 
-    E = sum_p A_p kappa f(g_p / d_hat),  f(s) = s - 1 - ln s for s < 1, else 0
+Pressure and normal of friction are lagged: they are refreshed whenever the residual has become
+small, until they stand still. A point that comes to touch within a step takes hold where its gap
+fell to d_hat on a straight path, so that gel running in under an edge is gripped from the start.
+Its anchor is where it was free, and only the share c of the path that is left counts: u is c times
+the offset from there, at an energy of 1 / c. That is the same force as from an anchor on the path,
+but what is lagged is c, not a place that would run after the point. When the step has ended, the
+place is the anchor.
 
-so the pressure is kappa / d_hat (1/s - 1). The barrier of Incremental Potential Contact (Li et al.
-2020), -(s - 1)^2 ln s, lets the pressure vanish quadratically at d_hat; Newton then frees a point
-by a factor of four an iteration, where this one frees it in one. Below s = extension the barrier
-goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
-overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
-
-Friction and bonding. A point that touches remembers where on the indenter it did so, its anchor.
-Its tangential offset u from there costs, per area,
-
-    bonded    k u^2 / 2
-    friction  mu p s f(u / s),  f(y) = y^2 - y^3 / 3 for y < 1, y - 1/3 beyond
-
-f is IPC's smoothed Coulomb law (Li et al. 2020, Eq. 14-16), but s is a length and u is counted from
-the anchor, not from the last time step: a point that sticks does not creep, however many steps are
-taken. Pressure p and normal are lagged: they are refreshed whenever the residual has become small,
-until they stand still. Where u exceeds s, the anchor is then dragged along to that distance.
-
-A point that comes to touch within a step takes hold where its gap fell to d_hat on a straight path,
-so that gel running in under an edge is gripped from the start. Its anchor is where it was free, and
-only the share c of the path that is left counts: u is c times the offset from there, at an energy
-of 1 / c. That is the same force as from an anchor on the path, but what is lagged is c, not a place
-that would run after the point. When the step has ended, the place is the anchor.
-
-The kernels are compiled for whether anything resists along the surface, so that none carries what
-it does not need. All launch over
+The kernels are compiled for whether anything resists along the surface. All launch over
 [environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
 """
 
@@ -57,7 +43,7 @@ class TouchedSurface:
     friction: wp.array(dtype=wp.float64)  # mu, the same shape
     stiffness: wp.array(dtype=wp.float64)  # kappa over E d_hat, the same shape
     distance: wp.float64  # d_hat [m]
-    slip: wp.float64  # s [m], the offset at which sticking has become sliding
+    slip: wp.float64  # [m], the offset at which sticking has become sliding
     bonded: wp.bool  # points that touch stick, with k = E / d_hat
     shift: wp.float64  # of ``repeatable`` for forces [N] and moments [N m]
 

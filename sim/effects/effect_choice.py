@@ -1,9 +1,6 @@
 """Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
 
 docs/explanation/effects.md says how. What is off is not compiled, not launched and not allocated.
-Outside the range of the scales that bound them weight is tried like the others, and inertia, which
-a press in time alone could tell, is on. Where a press has several equilibria, nothing is left out:
-what is small chooses between them.
 """
 
 from dataclasses import replace

@@ -1,8 +1,7 @@
 """The path of a scene's indenter with the effects of a plan, and the end of a press.
 
-A path goes on the scene's own mesh, or on longer edges: the end state is then found on the scene's
-own mesh by one descent, from the other mesh's displacements and, with friction, from where its
-points hold on (nested iteration).
+A path on longer edges ends on the scene's own mesh by one descent, from the other mesh's
+displacements and, with friction, from where its points hold on (nested iteration).
 
 All that presses raises ConvergenceError where there is no equilibrium or a force cannot be reached,
 and ConfigError where a scene cannot be built or its gel has no room for the depth.
@@ -125,9 +124,8 @@ def _options(scene: Scene) -> SolverOptions:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
     ends_roughly = scene.path_refinement is not None and scene.refinement <= 1.0
-    return SolverOptions(
-        residual_relative=_ROUGH_END if ends_roughly else share, load_relative=share
-    )
+    residual = _ROUGH_END if ends_roughly else share
+    return SolverOptions(residual_relative=residual, load_relative=share)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -341,9 +339,8 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     free = other.surface.free_grip(moved.positions, moved.tip, moved.rotation)
     if free is None or state.grip is None:
         return None
-    rest, now = (
-        model.surface.points(nodes).reshape(-1, 3) for nodes in (model.nodes, state.positions)
-    )
+    both = (model.nodes, state.positions)
+    rest, now = (model.surface.points(nodes).reshape(-1, 3) for nodes in both)
     away = state.grip.anchors.reshape(-1, 3) - (now - state.tip) @ state.rotation
     held, loads = state.grip.held.reshape(-1), state.grip.loads.reshape(-1, 3)
     places = other.surface.points(other.nodes).reshape(-1, 3)

@@ -3,13 +3,11 @@
 The regular meshes are of cells of six tetrahedra around a diagonal (Kuhn): halving the longest
 edges of such cells gives three shapes of tetrahedra and no others. An edge is halved when it is the
 longest of every tetrahedron around it, so that the mesh stays conforming; where it is not, the
-longer edges of those tetrahedra are halved first (Rivara 1997). The same mesh and field give the
-same result on every machine.
+longer edges of those tetrahedra are halved first (Rivara 1997). Results are equal on every machine.
 
-Vertices are then moved onto the pad's top and onto the rim of the contact, where no element gets
-too flat. FTetWild leaves the top anywhere within its envelope: at a press of 0.5 mm, 30 um would be
-several per cent of the force. And an element that the rim of a punch crosses acts as if the punch
-were wider.
+Vertices are then moved onto the pad's top and the rim of the contact, where no element gets too
+flat. FTetWild's top may be 30 um off, several per cent of the force at a press of 0.5 mm, and an
+element that the rim of a punch crosses acts as if the punch were wider.
 """
 
 import math

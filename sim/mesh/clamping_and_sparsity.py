@@ -81,9 +81,8 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     flat_row, flat_column = row.reshape(-1), column.reshape(-1)
     upper = np.flatnonzero((flat_row >= 0) & (flat_row <= flat_column))
     # Blocks are sorted: by rows alone, columns stay so.
-    placed = scipy.sparse.csr_matrix(
-        (upper, (flat_row[upper], flat_column[upper])), (len(free_dofs),) * 2
-    )
+    entries = (upper, (flat_row[upper], flat_column[upper]))
+    placed = scipy.sparse.csr_matrix(entries, (len(free_dofs),) * 2)
     return SparsePattern(
         free_dofs=free_dofs,
         block_row=block_row,

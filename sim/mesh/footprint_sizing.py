@@ -1,9 +1,8 @@
 """Where an indenter of any shape will touch a pad, and how fine the mesh must be there.
 
-The gel's stress is steepest under the edge of the contact where the indenter rises steeply, and
-under creases of the indenter within it. Both are found from the indenter's underside alone: the
-edge is where the undeformed pad and the indenter, pressed to the expected depth, overlap by a
-quarter of it. That is the rim of a punch, and for a ball of radius R at depth d the circle of
+Stress is steepest under the contact's edge, where the indenter rises steeply, and under creases
+within it. The edge is where the undeformed pad and the indenter, pressed to the expected depth,
+overlap by a quarter of it: the rim of a punch, and for a ball of radius R at depth d the circle of
 radius sqrt(1.5 R d). Where the pad itself ends under the indenter there is no such edge.
 """
 

@@ -1,11 +1,9 @@
 """Deterministic meshes: a graded half section revolved about the indenter and morphed to the pad.
 
-They have nodes on the indenter's rim, and are coarse where nothing happens in all three directions.
-Neighbouring sectors are mirror images, so a centred press meets a mirror-symmetric mesh.
-
-Levels cut the half section (radius, height) into layers. Each is triangulated by itself: the nodes
-on a level are those of both sides, and a convex layer's Delaunay triangulation contains its
-outline, so the two fit.
+docs/explanation/meshes.md describes them. Neighbouring sectors are mirror images, so a centred
+press meets a mirror-symmetric mesh. Levels cut the half section (radius, height) into layers. Each
+is triangulated by itself: the nodes on a level are those of both sides, and a convex layer's
+Delaunay triangulation contains its outline, so the two fit.
 """
 
 import math
@@ -117,9 +115,8 @@ def _graded_line(
     """Return points from ``start`` up to but without ``end``, spaced by the target size."""
     fine = start + np.linspace(0.0, 1.0, _LINE_SAMPLES)[:, None] * (end - start)
     density = np.linalg.norm(end - start) / size_at(fine)
-    arc = np.concatenate(
-        [[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) / (_LINE_SAMPLES - 1))]
-    )
+    parts = 0.5 * (density[1:] + density[:-1]) / (_LINE_SAMPLES - 1)
+    arc = np.concatenate([[0.0], np.cumsum(parts)])
     count = max(1, round(float(arc[-1])))
     at = np.interp(np.arange(count) / count * arc[-1], arc, np.linspace(0.0, 1.0, _LINE_SAMPLES))
     return np.asarray(start + at[:, None] * (end - start))

@@ -79,8 +79,6 @@ class Descents:
         keeps: The inverse is never made anew.
 
     Attributes:
-        state: Where every environment is.
-        memory: What they remember of their steps.
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
         pressed: Surfaces, indenters, poses, grip and positions, as contact's kernels take them.
@@ -108,9 +106,8 @@ class Descents:
         self._device = device = Device(model.device)
         self._gel, self.indenter = gel, indenter
         self.threads = _THREADS if device.is_gpu else 1
-        self.surface = surface or model.surface.of(
-            [model.young_pa], [model.contact_options.friction]
-        )
+        friction = model.contact_options.friction
+        self.surface = surface or model.surface.of([model.young_pa], [friction])
         self.state = device.zeroed(kernels.Descent, (count,), residuals=(count, 6))
         self.state.slot.assign(np.arange(count, dtype=np.int32))
         # On the CPU these views share the device's memory, and are made once.
@@ -144,7 +141,7 @@ class Descents:
             overlap=OVERLAP_SHARE * model.height_m,
             tip_step=_TIP_STEP_SHARE * model.height_m,
             energy_scale=model.energy_scale_j,
-            lags=model.contact_options.friction > 0.0,
+            lags=friction > 0.0,
             shares_after=_SHARES_AFTER_KEPT if keeps else _SHARES_AFTER,
             holds_until=_NEVER if keeps else _HOLDS_UNTIL,
             keeps=keeps,
@@ -205,17 +202,9 @@ class Descents:
 
     def begin(self, **numbers: float) -> None:
         """Let all environments begin at where they are, with these numbers."""
-        self.set(
-            status=Status.RUNNING,
-            mode=Mode.BEGIN,
-            wanted=1,
-            steps=0,
-            since=0,
-            recorded=0,
-            gripped_at=np.inf,
-            grip_change=np.inf if self._limits.lags else 0.0,
-            **numbers,
-        )
+        self.set(status=Status.RUNNING, mode=Mode.BEGIN, wanted=1, steps=0, since=0, recorded=0)
+        change = np.inf if self._limits.lags else 0.0
+        self.set(gripped_at=np.inf, grip_change=change, **numbers)
 
     def forget(self) -> None:
         """Forget what the last steps have shown, since another inverse takes over."""

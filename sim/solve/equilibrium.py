@@ -1,24 +1,14 @@
 """Equilibrium of a pad under one indenter, held still or pushed with a given force.
 
-Steps go along minus the inverse of a recent state's stiffness, corrected by what the last steps
-have shown (``lbfgs_kernels``), times the unbalanced force (docs/explanation/solver.md). They may
-begin with the surfaces slightly overlapping, and end with every gap positive or not at all: when
-the residual, the norm of the unbalanced force, is
+docs/explanation/solver.md describes the steps. They may begin with the surfaces slightly
+overlapping, and end with every gap positive or not at all: when the residual, the norm of the
+unbalanced force, is *enough*, at most ``residual_relative`` of the contact force, the floor, or
+what rounding alone leaves of it; or *at a standstill that does no harm*, by the constants of
+``line_search_and_convergence``, with a stiffness of one of the last steps. Rounding does that, and
+a contact point that goes on and off in turn. At a standstill further up they go on. After
+``iteration_max`` steps a residual that does no harm is taken, and any other is an error.
 
-- *enough*: at most ``residual_relative`` of the contact force, the floor, or what rounding alone
-  leaves of it;
-- or *at a standstill that does no harm*: none of the last steps brought it below nine tenths of
-  what it was before them, the stiffness is of one of them, and it is at most 3e-7 of the contact
-  force or ten times the rounding's estimate. Rounding does that, and a contact point that goes on
-  and off in turn. Where the last step was cut again and again, 1e-3 of the contact force will do:
-  a point that rests in a corner, between two nearest sides, leaves what its force jumps by.
-
-At a standstill further up they go on. After ``iteration_max`` steps a residual that does no harm is
-taken, and any other is an error.
-
-Where friction holds points to the indenter, their pressure is lagged: it is taken over between
-steps as soon as the residual is small, and has to stand still at the end, or it is left as it is
-after 50 or 100 steps. What is bonded knows no pressure: points that touch take hold in the end.
+What is bonded knows no lagged pressure: points that touch take hold in the end.
 """
 
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """Warp functions that decide what an environment does after an evaluation.
 
-The rules are those of ``sim.solve.equilibrium``.
+``sim.solve.equilibrium`` and docs/explanation/solver.md describe the rules.
 """
 
 from enum import IntEnum

@@ -1,9 +1,8 @@
 """Direct solvers for the symmetric Newton matrix, and the factored stiffness of one state.
 
-The Hessian is factored, without the indenter's curvature; only when that is not positive definite
-is it replaced by a semidefinite one, at last with a share of the undeformed pad's stiffness added.
-Under a given force the height z of the indenter is one more unknown, and F z is added to the
-energy. Its row and column border the stiffness matrix, so that one factorisation and one more
+docs/explanation/solver.md describes the matrix; the safest has a share of the undeformed pad's
+stiffness added. Under a given force F the height z of the indenter is one more unknown, and F z is
+added to the energy: its row and column border the matrix, so that one factorisation and one more
 solution serve both.
 """
 

@@ -280,9 +280,8 @@ class Stepping:
                 tell(f"{point.depth_m * 1e3:.4f} mm, {point.force_n[2]:.4f} N")
                 self._alike.append((self._alike[-1][0] + taken, point))
                 at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
-                step = min(
-                    phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even
-                )
+                grown = _GROWTH * max(step, abs(taken))
+                step = min(phase.longest(point.stiffness_n_m), grown, even)
         self.counts.wall_s += time.perf_counter() - started
         return point
 
