@@ -6,8 +6,9 @@ error. Meshes are not nested, and with the edges the sectors change: the contact
 elements, a rim otherwise than a ball.
 
 Of shear, d is the change of its field with longer edges, face by face, over the root of the number
-of touched faces: the faces err independently, and the stated error is a norm over all. d counts by
-the share of mu that is left: where all slides no mesh changes the shear, nor without friction.
+of touched faces: the faces err independently, and the stated error is a norm over all. It is so
+under balls and rims, on every preset. d counts by the share of mu that is left: where all slides no
+mesh changes the shear, and without friction there is none.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Corrected force and depth: the known bias of a mesh is subtracted (docs/explanation/accuracy.md).
+"""Corrected force and depth: the known bias of a mesh is subtracted.
 
-The more a gel keeps its volume, the more a conforming mesh and a wide barrier stiffen it. On a mesh
-whose edges follow the contact's size the bias of F_z is
+A conforming mesh and a wide barrier make a gel too stiff, the more so the more it keeps its volume.
+On a mesh whose edges follow the contact's size the bias of F_z is
 
     bias = share + slope u,    u = min(nu / (1 - 2 nu), 18)
 
@@ -11,8 +11,8 @@ under any body. Under a smooth one deeper presses err by more, with the contact'
 
 A revolved mesh is distorted between the contact and a near side of the pad, which adds to the
 share, as layers do. The constants were fitted to drawn scenes, for each refinement of the end
-state's mesh. Richardson extrapolation (1911) from the load-step mesh did not improve scenes left
-out: the meshes are not nested, and the barrier's width is bounded.
+state's mesh. Richardson extrapolation (1911) from the coarser load-step mesh did not improve scenes
+left out: the meshes are not nested, and the barrier's width is bounded.
 """
 
 import math

@@ -59,8 +59,8 @@ class PressResult:
             known; ``estimated_force_error_basis`` says how.
         estimated_errors: Expected relative error of every output, by name; that of shear is
             relative to the pressure.
-        corrected: Force and depth corrected for the mesh's known error, as ``force_n`` and
-            ``depth_m`` are not; None where it is not known (docs/explanation/accuracy.md).
+        corrected: Force and depth corrected for the mesh's known error, unlike ``force_n`` and
+            ``depth_m``; None where it is not known (docs/explanation/accuracy.md).
         guaranteed: The quantity that a tolerance holds for: the force at a given depth, or the
             depth at a given force.
         guaranteed_error_relative: Stated error of that quantity, corrected where possible; None

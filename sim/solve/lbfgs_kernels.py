@@ -3,8 +3,8 @@
 Steps s and changes y of the gradient lie in rings, one of each an environment. The two loops of
 Nocedal and Wright, Numerical Optimization, algorithm 7.4, need of them four passes only: products
 of all s with the gradient, all y summed, products of all y with the inverse's answer, all s summed.
-What the loops need of s . y between is kept as a small matrix. Blocks have environments as in
-``descent_kernels``; a GPU has a lane for each of at most 32 steps.
+What the loops need of s . y between is kept as a small matrix. A block of threads has one
+environment; on the CPU it is one thread. A GPU has a lane for each of at most 32 steps.
 """
 
 import warp as wp

@@ -110,12 +110,10 @@ class SuperLuSolver:
         """Factor the matrix, as ``PardisoSolver`` does."""
         self._upper.data[:] = data
         full = self._upper + scipy.sparse.triu(self._upper, 1).T
+        symmetric = {"SymmetricMode": True}
         try:
             self._factor = scipy.sparse.linalg.splu(
-                full.tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
+                full.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
             )
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
