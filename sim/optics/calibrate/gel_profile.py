@@ -32,8 +32,8 @@ _GROWTH = 1.5
 _SECTORS = 16
 _CONTACT_DISTANCE_M = 1e-6
 _TOUCHING_M = 1.2e-6
-# Of the depth: gaps beside the ball which tell where the contact ends.
-_GAPS = 0.003, 0.1
+# Of the depth: gaps beside the ball which tell where the contact ends; and how many are needed.
+_GAPS, _FEWEST_GAPS = (0.003, 0.1), 3
 _STEP_M = 5e-5  # over which the slope of an unloaded pad is taken
 _TOUCHING_ROUNDS = 4
 DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
@@ -127,20 +127,29 @@ def radial_profile(
     slope = -np.gradient(depth, radius)
     tilt, outward = slope / np.hypot(1.0, slope), _moved_outward(surface, radius)
     profile = RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
-    return _contact_radius(radius, loaded, float(depth[0]), ball_radius_m), profile
+    area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
+    touching_m = float(np.sqrt(area / np.pi))
+    return _contact_radius(radius, loaded, float(depth[0]), ball_radius_m, touching_m), profile
 
 
 def _contact_radius(
-    radius_m: FloatArray, height_m: FloatArray, depth_m: float, ball_radius_m: float
+    radius_m: FloatArray,
+    height_m: FloatArray,
+    depth_m: float,
+    ball_radius_m: float,
+    touching_m: float,
 ) -> float:
     """Return where gel of these heights leaves a ball [m]: the gap beside it grows as Hertz's.
 
-    The area that touches would depend on the mesh by several per cent. Gap beside a contact:
-    Johnson, Contact Mechanics (1985), Eq. 3.42a.
+    The radius of the area that touches depends on the mesh by several per cent; it is taken where
+    the ball is deeper than its radius, or the contact too wide to see gaps beside it. Gap beside a
+    contact: Johnson, Contact Mechanics (1985), Eq. 3.42a.
     """
     below = np.minimum(radius_m, ball_radius_m)
     gap_m = height_m[0] + ball_radius_m - np.sqrt(ball_radius_m**2 - below**2) - height_m
     near = (gap_m > _GAPS[0] * depth_m) & (gap_m < _GAPS[1] * depth_m) & (below < ball_radius_m)
+    if depth_m > ball_radius_m or np.count_nonzero(near) < _FEWEST_GAPS:
+        return touching_m
     at_m, seen = radius_m[near], gap_m[near] ** (2.0 / 3.0)
 
     def misfit(edge_m: float) -> float:

@@ -40,7 +40,8 @@ def test_radial_profile_of_a_pressed_ball() -> None:
     fine = camera(400, 400, 2e-5)
     maps = height_maps(surface, fine, contact_gap_m=1e-6)
     contact_radius, profile = radial_profile(maps, surface, fine, ball_radius_m=BALL_M)
-    assert contact_radius == pytest.approx(1.2e-3, rel=0.05)
+    sunk = radial_profile(maps, surface, fine, ball_radius_m=5e-4)[0]  # by its area
+    assert [contact_radius, sunk] == pytest.approx([1.2e-3] * 2, rel=0.05)
     under = profile.radius_m < 1.1e-3
     np.testing.assert_allclose(profile.tilt[under], profile.radius_m[under] / BALL_M, atol=0.01)
     assert profile.indentation_m[0] == pytest.approx(8e-4, rel=0.01)
