@@ -105,7 +105,7 @@ class ErrorEstimate:
                 remedy="press less deep, or take a finer --preset",
             )
         more = {output: each and each + gap for output, each in self.relative.items()}
-        basis = f"{self.basis}, {gap:.2%} between sigma n and the force"
+        basis = f"{self.basis} + {gap:.2%} (force gap)"
         return replace(self, relative=more, basis=basis)
 
 
@@ -197,14 +197,13 @@ def estimate_from(
     slope, rest = _slope_of(rule, judged, changes), rule[judged][1]
     basis = (
         f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
-        f"{changes[judged]:.2%}; {slope:g} times that and {rest / refinement**2:.2%}"
+        f"{changes[judged]:.2%}; {slope:g} * {changes[judged]:.2%} + {rest / refinement**2:.2%}"
     )
     if fell and judged is Output.FORCE:
-        basis += f", {fell:.2%} by which it fell in a load step"
+        basis += f" + {fell:.2%} (fall in a load step)"
     omitted = plan.estimated_error
     return ErrorEstimate(
-        relative=relative,
-        basis=f"{basis}, {omitted:.2%} for effects left out" if omitted else basis,
+        relative=relative, basis=f"{basis} + {omitted:.2%} (effects left out)" if omitted else basis
     )
 
 

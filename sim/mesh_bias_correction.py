@@ -283,5 +283,5 @@ def correction(
         depth_m=depth,
         error_relative=left,
         bias_relative=bias,
-        basis=f"{bias:.2%} of F_z at a depth was taken off, the bias that such meshes have",
+        basis=f"corrected for the bias of the mesh, {bias:.2%} of F_z at a given depth",
     )

@@ -202,7 +202,7 @@ def measure(
         corrected = replace(
             corrected,
             error_relative=corrected.error_relative + traction_gap,
-            basis=f"{corrected.basis}, {traction_gap:.2%} between sigma n and the force",
+            basis=f"{corrected.basis}; {traction_gap:.2%} added (force gap)",
         )
     ratio_min, judged = point.equilibrium.min_jacobian, guaranteed(scene)
     error = error.beyond_rules(scene, point.depth_m, traction_gap, ratio_min, at_rim=at_rim)

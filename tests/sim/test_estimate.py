@@ -89,7 +89,7 @@ def test_a_force_that_fell_on_the_way_is_stated_whole(found: PressOutputs) -> No
     for own, other in ((slipped, coarse), (found, replace(coarse, outputs=slipped))):
         told = estimate_from(SCENE, PLAN, own, other)
         assert told.relative[Output.FORCE] == pytest.approx(usual + 0.3)
-        assert "30.00% by which it fell" in told.basis
+        assert "+ 30.00% (fall in a load step)" in told.basis
 
 
 def test_beyond_the_rules_the_gap_is_added_or_the_press_refused(found: PressOutputs) -> None:

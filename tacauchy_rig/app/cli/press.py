@@ -251,14 +251,14 @@ def _show(scene: Scene, result: PressResult, allowed: float | None) -> None:
         say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     else:
         say(f"corrected  {corrected.force_n:.4f} N at {corrected.depth_m * 1e3:.4f} mm")
-        say(f"mesh's own {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
+        say(f"raw        {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     if not scene.motion.is_straight:
         say(f"           {result.force_n[0]:.4f} N along x, {result.force_n[1]:.4f} N along y")
         say(f"moment     {result.moment_nm[2] * 1e3:.4f} N mm about z")
     say(f"contact    radius {result.contact_radius_m * 1e3:.3f} mm")
     say(f"pressure   {result.max_pressure_pa * 1e-3:.1f} kPa at most")
     say(f"balance    {result.force_balance_relative:.1e} of the force")
-    say(f"surface    {result.surface_traction_gap_relative:.1%} between sigma n and the force")
+    say(f"force gap  {result.surface_traction_gap_relative:.1%} between sigma n and the force")
     apart = result.algorithms_apart_relative
     say(f"fields     {apart:.1%} between tractions from sigma n and from contact")
     say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
@@ -289,7 +289,7 @@ def _show(scene: Scene, result: PressResult, allowed: float | None) -> None:
         if name not in {Output.FORCE, Output.DEPTH}
     )
     if others:
-        say(f"errors     {others}; shear's is of the pressure")
+        say(f"errors     {others}; shear relative to pressure")
 
 
 def _show_interfaces(result: PressResult) -> None:

@@ -88,7 +88,7 @@ def modulus_of(simulated: Sequence[tuple[Part, History]]) -> ModulusFit | None:
     else:
         say(
             f"  modulus fitted to {fit.trial_count} trials: {fit.factor:.3f} times "
-            f"the sensor file's (scatter +-{fit.factor_deviation:.3f})"
+            f"that of the sensor file (standard deviation {fit.factor_deviation:.3f})"
         )
     return fit
 

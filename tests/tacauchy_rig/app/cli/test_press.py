@@ -75,7 +75,7 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     assert found["alternatives"][-1]["time_ratio"] > 1.0
     raw, corrected = found["force_n"][2], found["corrected"]["force_n"]
     assert f"corrected  {corrected:.4f} N at 0.0500 mm" in done.stdout
-    assert f"mesh's own {raw:.4f} N at 0.0500 mm" in done.stdout
+    assert f"raw        {raw:.4f} N at 0.0500 mm" in done.stdout
 
 
 def test_a_plan_states_tolerances_cost_and_neighbours(tmp_path: Path) -> None:
