@@ -18,9 +18,7 @@ from tacauchy_rig.app.importing.text_tables import (
     UNKNOWN,
     Column,
     Table,
-    decoded,
     read_table,
-    separator_of,
     toml_value,
 )
 from tacauchy_rig.core.arrays import BoolArray
@@ -123,7 +121,7 @@ def _guess(source: Source) -> Guesses:
         found.say("complete", False, f"{CHECK}: true if the recorder drops no frames")
         table = _largest(source, tables)
         found.say("log", table.name, "the longest table")
-        _dialect(source, found, table)
+        _dialect(found, table)
         found.head("data.columns")
         roles = _roles(table).items()
         _columns(found, table, {role: column for role, column in roles if role in _LOG_ROLES})
@@ -161,7 +159,7 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     found.say("kind", "csv", f"there is {table.name}, with {len(table.rows)} rows")
     found.head("data")
     found.say("table", table.name, "the longest table" if len(tables) > 1 else "the only table")
-    _dialect(source, found, table)
+    _dialect(found, table)
     column, folder, named = _image_column(table, images)
     if column and folder:
         found.say("images", folder, f'where the names of column "{column}" are')
@@ -212,11 +210,9 @@ def _largest(source: Source, tables: list[str]) -> Table:
     return max(read, key=lambda table: len(table.rows))
 
 
-def _dialect(source: Source, found: Guesses, table: Table) -> None:
+def _dialect(found: Guesses, table: Table) -> None:
     """Write separator and decimal sign, which columns with numbers show."""
-    text = decoded(source.read(table.name, field="a table", most_bytes=256 * MIB), table.name)
-    separator, _ = separator_of(text, stated=None)
-    found.say("separator", separator, "parts all lines alike")
+    found.say("separator", table.separator, "parts all lines alike")
     cells = [cell.strip() for row in table.rows[:200] for cell in row]
     shown = {
         sign: [cell for cell in cells if re.fullmatch(rf"[+-]?\d*{re.escape(sign)}\d+", cell)]

@@ -17,7 +17,7 @@ from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.image_conversion import Converter, Images
 from tacauchy_rig.app.importing.plausibility import check_presses
 from tacauchy_rig.app.importing.press_detection import Press, Recorded
-from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
+from tacauchy_rig.app.importing.source_files import MIB, Problems, Source, at_most
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
 from tacauchy_rig.app.replay.simulator_inputs import indenter_of
 from tacauchy_rig.core import run
@@ -121,11 +121,9 @@ def check_counts(recorded: Recorded) -> None:
             else "check how presses are found: columns, topics, and the force at which one begins",
         )
     for press in presses:
-        if len(press.frames) > FRAMES_MOST:
-            raise RecordError(
-                f"press {press.name}: {len(press.frames)} frames; at most {FRAMES_MOST} are read",
-                remedy="leave out frames that show neither the gel at rest nor the press held",
-            )
+        told = f"press {press.name}: {len(press.frames)} frames"
+        remedy = "leave out frames that show neither the gel at rest nor the press held"
+        at_most(FRAMES_MOST, len(press.frames), told, remedy=remedy)
         for what, (start, end) in (("no-contact", press.reference), ("held", press.dwell)):
             inside = any(start <= frame.stamp_ns <= end for frame in press.frames)
             if press.frames and not inside:
@@ -358,14 +356,14 @@ def import_run(
     if sensor is None:
         raise problems.all_in_one
     young_pa = rig.config.replay.young or sensor.material.young_pa
-    check_presses(
+    for error in check_presses(
         recorded.presses,
         _indenters(recorded, rig.config, problems),
         replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
         KEYS | _KEYS.get(spec.kind, {}),
         sign=rig.config.force_sensor.compression_sign,
-        problems=problems,
-    )
+    ):
+        problems.note(error)
     with problems.noting():
         check_counts(recorded)
     if not recorded.presses:

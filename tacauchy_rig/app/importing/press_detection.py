@@ -42,6 +42,15 @@ class Samples:
         return replace(self, stamp_ns=self.stamp_ns[kept], value=self.value[kept])
 
 
+def known_samples(
+    stamp_ns: Int64Array, value: FloatArray, known: BoolArray, where: str, notes: list[str]
+) -> Samples:
+    """Return the samples that are known; how many were left out is noted."""
+    if lost := int((~known).sum()):
+        notes.append(f"{where}: {lost} of {len(known)} samples, no finite numbers, were left out.")
+    return Samples(stamp_ns=stamp_ns[known], value=value[known])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """An image of the source."""

@@ -411,17 +411,8 @@ def _read(source: source_files.Source, name: str) -> Record:
     """Return a record's arrays by name."""
     data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
     if name.endswith(NPZ):
-        return source_files.read_npz(data, source_files.array_names(data, name=name), name=name)
-    try:
-        found = source_files.read_npy(data, name=name)
-    except RecordError as error:
-        if "pickle" not in error.message:
-            raise
-        raise RecordError(
-            error.message,
-            remedy="if you trust who made it, save its arrays by name with numpy.savez: "
-            "docs/reference/file-formats.md has the lines",
-        ) from error
+        return source_files.read_npz(data, name=name)
+    found = source_files.read_npy(data, name=name)
     if found.dtype.names is None or found.size != 1:
         raise RecordError(
             f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",

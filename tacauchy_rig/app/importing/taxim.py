@@ -5,7 +5,7 @@ Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame (``f0``), images o
 middle, ``touch_radius``: of its edge [px]). It states neither force nor depth, place, time or ball.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import partial
 
@@ -16,7 +16,7 @@ from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
     IMAGE_PIXELS,
     Source,
-    members,
+    archive,
     read_member,
     read_npz,
 )
@@ -77,9 +77,10 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     """
     packed, name = source.read(data.file, field="data.file", most_bytes=ARRAY_BYTES), data.file
     if name.endswith(".whl"):
-        member = _member(packed, data)
-        packed, name = read_member(packed, member, name=name), f"{name}: {member}"
-    found = read_npz(packed, _WANTED, name=name)
+        with archive(packed, name=name) as wheel:
+            member = _member(wheel.namelist(), data)
+            packed, name = read_member(wheel, member, name=name), f"{name}: {member}"
+    found = read_npz(packed, name=name, wanted=_WANTED)
     frame, images = found["f0"], found["imgs"]
     if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2:] != (3,):
         raise _inconsistent(f"{name}: f0 is {frame.shape} of {frame.dtype}")
@@ -103,9 +104,8 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     )
 
 
-def _member(wheel: bytes, data: TaximData) -> str:
-    """Return where in the wheel a set is."""
-    there = members(wheel, name=data.file)
+def _member(there: Sequence[str], data: TaximData) -> str:
+    """Return which of the wheel's members a set is."""
     known = {each: f"taxim/calib/{each}/dataPack.npz" for each in TaximSet}
     known = {each: member for each, member in known.items() if member in there}
     if data.set not in known:

@@ -198,11 +198,11 @@ LEROBOT_CASES: dict[str, Harm] = {
     "a dataset without that episode": (_toml("[data]", "[data]\nepisodes = [7]"), "not 7"),
     "a force of words": (
         _parquet(DATA, _with("observation.wrench", ["a"] * 6)),
-        "observation.wrench: no numbers",
+        "observation.wrench: no",
     ),
     "a force that is not known": (
         _parquet(DATA, _with("observation.wrench", [float("nan")] * 6)),
-        "no finite numbers",
+        "0 samples of force",
     ),
     "times that stand still": (_parquet(DATA, _with("timestamp", 1.0)), "do not ascend"),
     "a column less": (_parquet(DATA, _without("timestamp")), "no column timestamp"),

@@ -190,7 +190,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "words": (_put("01/height.npy", _npy(np.full((HEIGHT, WIDTH), "a"))), "not of numbers"),
     "other shape": (_put("01/height.npy", _npy(PLAIN.T)), r"\[24, 16\]"),
     "NaN": (_put("01/height.npy", _npy(NAN)), "row 0, column 5"),
-    "no array": (_put("01/height.npy", b"no"), "no array of NumPy"),
+    "no array": (_put("01/height.npy", b"no"), "no whole NumPy array"),
     "other fields": (lambda f: _archive(f, stress=_npy(PLAIN)), "stress"),
     "half a shear": (lambda f: _archive(f, shear_y=_npy(PLAIN)), "without the other"),
     "an empty archive": (_archive, "holds nothing"),
