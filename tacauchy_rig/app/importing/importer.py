@@ -17,7 +17,7 @@ from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.image_conversion import Converter, Images
 from tacauchy_rig.app.importing.plausibility import check_presses
 from tacauchy_rig.app.importing.press_detection import Press, Recorded
-from tacauchy_rig.app.importing.source_files import MIB, Problems, Source, at_most
+from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
 from tacauchy_rig.app.replay.simulator_inputs import indenter_of
 from tacauchy_rig.core import run
@@ -110,26 +110,31 @@ def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
         yield told.format("indenter", describe(indenter_of(rig.config)), "replay.indenter")
 
 
-def check_counts(recorded: Recorded) -> None:
-    """Refuse no press or too many, and presses with too many frames or without those that count."""
-    presses = recorded.presses
+def check_counts(presses: Sequence[Press]) -> Iterator[RecordError]:
+    """Yield no press or too many, and presses with too many frames or without those that count."""
     if not 1 <= len(presses) <= PRESSES_MOST:
-        raise RecordError(
+        yield RecordError(
             f"the source holds {len(presses)} presses; a run has 1 to {PRESSES_MOST}",
             remedy="split it into several folders"
             if presses
             else "check how presses are found: columns, topics, and the force at which one begins",
         )
     for press in presses:
-        told = f"press {press.name}: {len(press.frames)} frames"
-        remedy = "leave out frames that show neither the gel at rest nor the press held"
-        at_most(FRAMES_MOST, len(press.frames), told, remedy=remedy)
-        for what, (start, end) in (("no-contact", press.reference), ("held", press.dwell)):
+        if len(press.frames) > FRAMES_MOST:
+            yield RecordError(
+                f"press {press.name}: {len(press.frames)} frames; at most {FRAMES_MOST} are read",
+                remedy="leave out frames that show neither the gel at rest nor the press held",
+            )
+        for lacks, (start, end) in (
+            ("has no image of the gel at rest", press.reference),
+            ("has no image of the gel while it is pressed", press.dwell),
+        ):
             inside = any(start <= frame.stamp_ns <= end for frame in press.frames)
             if press.frames and not inside:
-                raise RecordError(
-                    f"press {press.name}: has no {what} frame",
-                    remedy="every press needs an image of the gel without contact and one with it",
+                yield RecordError(
+                    f"press {press.name} {lacks}",
+                    remedy="record a second without contact before each press; or of a table name "
+                    "an image as data.no_contact, or state data.unloaded and data.pressed",
                 )
 
 
@@ -356,16 +361,15 @@ def import_run(
     if sensor is None:
         raise problems.all_in_one
     young_pa = rig.config.replay.young or sensor.material.young_pa
-    for error in check_presses(
+    odd = check_presses(
         recorded.presses,
         _indenters(recorded, rig.config, problems),
         replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
         KEYS | _KEYS.get(spec.kind, {}),
         sign=rig.config.force_sensor.compression_sign,
-    ):
+    )
+    for error in (*odd, *check_counts(recorded.presses)):
         problems.note(error)
-    with problems.noting():
-        check_counts(recorded)
     if not recorded.presses:
         problems.refuse()
     store = RunStore.create(

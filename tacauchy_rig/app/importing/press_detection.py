@@ -362,20 +362,11 @@ def cut(
         frames: In order of time.
         pose: Of the tip; None where nobody recorded it.
         pad_centre: Where the tip's x and y are above the pad's centre [m]; None is not known.
-
-    Raises:
-        RecordError: One has no image of the gel at rest.
     """
     presses = []
     for span in found:
         rest, whole = span.rest, (span.rest[0], span.pressed[1])
         own = tuple(each for each in frames if whole[0] <= each.stamp_ns <= whole[1])
-        unloaded = [each.stamp_ns for each in own if each.stamp_ns <= rest[1]]
-        if not unloaded:
-            raise RecordError(
-                f"{span.name}: no image of the gel at rest before it",
-                remedy="record images for at least a second without contact before each press",
-            )
         felt = force.within(whole)
         felt.value[:, FZ] -= span.drift_n_s * (felt.stamp_ns - sum(rest) / 2.0) / S
         moved = None if pose is None else pose.within(whole)
@@ -388,7 +379,7 @@ def cut(
             Press(
                 name=span.name,
                 frames=own,
-                reference=(unloaded[0], unloaded[-1]),
+                reference=rest,
                 dwell=span.held,
                 force=felt,
                 pose=moved if moved is not None and len(moved.stamp_ns) else None,

@@ -272,11 +272,6 @@ class _Rows:
             if no_contact is not None:
                 frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=no_contact))
             reference = (stamp, stamp)
-        if reference is None and frames:
-            raise RecordError(
-                f"{table.name}: press {name} has no image of the gel at rest",
-                remedy=f'name one as data.no_contact, or add rows whose state is "{data.unloaded}"',
-            )
         has_force = ~np.isnan(self.wrench[:, FZ])
         has_place = np.asarray(~np.isnan(self.place).any(axis=1))
         tare = None
@@ -289,7 +284,7 @@ class _Rows:
         return Press(
             name=name,
             frames=tuple(frames),
-            reference=reference or dwell,
+            reference=reference or ((0, 0) if frames else dwell),  # stamps begin later
             dwell=dwell,
             force=self._samples(own[has_force[own]], self.wrench),
             pose=self._samples(
