@@ -346,20 +346,13 @@ def import_run(
         source.name = path.name
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
-    problems, stated = source.problems, None
-    with problems.noting():
+    problems, recorded = source.problems, _read(source, spec)
+    with problems.ending():
         stated = _within(source, dict(leaves(spec.rig)), trusted=overridden)
-    recorded = _read(source, spec)
-    if stated is None:
-        raise problems.all_in_one
-    rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
+        rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
+        sensor = load_sensor(rig.config.sensor.name)
     with problems.noting():
         check(rig.config)
-    sensor = None
-    with problems.noting():
-        sensor = load_sensor(rig.config.sensor.name)
-    if sensor is None:
-        raise problems.all_in_one
     young_pa = rig.config.replay.young or sensor.material.young_pa
     odd = check_presses(
         recorded.presses,
@@ -380,8 +373,8 @@ def import_run(
         versions=versions(),
     )
     converter = Converter(how=spec.images, camera=sensor.camera)
-    unknown_all = (*recorded.unknown, *_unknown(recorded.presses, rig))
-    recorded = replace(recorded, unknown=unknown_all)
+    unknown = (*recorded.unknown, *_unknown(recorded.presses, rig))
+    recorded = replace(recorded, unknown=unknown)
     write_presses(store, recorded, source, converter, kind=spec.kind.value)
     return store
 
@@ -428,10 +421,9 @@ def _read(source: Source, spec: Spec) -> Recorded:
     """Return what the source holds, as far as it can be read; refuses where nothing of it can."""
     name, kind, reader = READERS[spec.kind]
     module = import_module(f"tacauchy_rig.app.importing.{name}")
-    recorded: Recorded = Recorded(presses=(), has_clock=False)
-    with source.problems.noting():
+    with source.problems.ending():
         data = read_section(getattr(module, kind), spec.data, where="data.", remedy=FORMATS)
-        recorded = getattr(module, reader)(source, data)
+        recorded: Recorded = getattr(module, reader)(source, data)
     if not recorded.presses:
         source.problems.refuse()
     presses = []

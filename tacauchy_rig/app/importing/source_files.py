@@ -55,6 +55,15 @@ class Problems:
         except RigError as error:
             self.note(error)
 
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Raise an error of what is done within, together with what was noted before."""
+        try:
+            yield
+        except RigError as error:
+            self.note(error)
+            raise self.all_in_one from error
+
     def refuse(self) -> None:
         """Raise what was noted, if anything was."""
         if self._found:

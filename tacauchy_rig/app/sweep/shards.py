@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -336,12 +335,3 @@ def _photograph(frame: ImageArray, row: Row, seed: str) -> bytes:
         number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")
         levels = levels + row.noise * np.random.default_rng(number).standard_normal(frame.shape)
     return encode_png(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
-
-
-def checksums(folder: Path, files: Sequence[Path]) -> dict[str, str]:
-    """Return the SHA-256 of files, by their paths in a folder."""
-    sums = {}
-    for file in files:
-        with file.open("rb") as content:
-            sums[str(file.relative_to(folder))] = hashlib.file_digest(content, "sha256").hexdigest()
-    return sums
