@@ -91,29 +91,30 @@ def _read(source: Source, asked: Asked) -> Outputs:
     )
 
 
-def _number(name: str) -> int:
-    """Return the trial that a name is the number of; -1 where it is none."""
-    return int(name[:9]) if name.isascii() and name.isdecimal() else -1
+def _is_number(name: str) -> bool:
+    return name.isascii() and name.isdecimal()
+
+
+def _trial(
+    name: str, where: str, asked: Asked, about: Description, found: Mapping[int, Any]
+) -> int:
+    """Return the trial that a name is the number of. RecordError: It is not wanted, or found."""
+    trial = int(name[:9]) if _is_number(name) else -1
+    if trial not in asked.trials or trial in found or trial in about.left_out:
+        raise RecordError(
+            f'{where}: press "{name[:40]}" is none of the run, stands twice, or is listed as '
+            f"left_out in {DESCRIPTION}",
+            remedy=f"number presses {asked.trials[0]} to {asked.trials[-1]}, each once",
+        )
+    return trial
 
 
 def _folders(source: Source, asked: Asked, about: Description) -> dict[int, str]:
     """Return the folders of presses by trial; files and other folders are no business of ours."""
     found: dict[int, str] = {}
     for path in sorted(source.root.iterdir()):
-        if (trial := _number(path.name)) < 0:
-            continue
-        if trial in found or trial not in asked.trials or not path.is_dir():
-            raise RecordError(
-                f"{path.name}: the run has no such press, or has it already"
-                f" (presses {asked.trials[0]} to {asked.trials[-1]})",
-                remedy="one folder a press, named by its number: 01, 02, ...",
-            )
-        if trial in about.left_out:
-            raise RecordError(
-                f"{path.name}: {DESCRIPTION} lists this press as left out",
-                remedy="take its number off left_out, or its folder away",
-            )
-        found[trial] = path.name
+        if path.is_dir() and _is_number(path.name):
+            found[_trial(path.name, path.name, asked, about, found)] = path.name
     return found
 
 
@@ -137,14 +138,7 @@ def _forces(source: Source, asked: Asked, about: Description) -> dict[int, Measu
     source.problems.refuse()
     found: dict[int, Measured] = {}
     for row, (name, force, depth) in enumerate(zip(names, *values, strict=True)):
-        trial = _number(name)
-        if trial not in asked.trials or trial in found or trial in about.left_out:
-            raise RecordError(
-                f'{table.where(row)}: press "{name[:40]}" is none of the run, stands twice, or '
-                "was left out",
-                remedy=f"one line a press, {asked.trials[0]} to {asked.trials[-1]}",
-            )
-        found[trial] = (force, depth)
+        found[_trial(name, table.where(row), asked, about, found)] = force, depth
     return found
 
 
