@@ -72,7 +72,8 @@ def write_csv(store: RunStore, out: Path) -> None:
             _write_table(folder / "frames.csv", ("file", "stamp_ns", "time_s", *_FRAMES), frames)
             counts = store.counting(trial)
             if result is not None and counts is not None and counts.attempt == attempt:
-                term = _term(store, trial)
+                other = store.imported_trials.get(trial)
+                term = (other.indenter if other else "") or indenter_of(store)
                 rows = _press_rows(recording, result, folder.name, frames, centre, term)
                 presses += sorted(rows, key=lambda row: row[_PRESSES.index("time")])
     _write_table(out / "presses.csv", _PRESSES, presses)
@@ -92,12 +93,6 @@ _UNITS = {
     **dict.fromkeys((*POSE, "contact_z", "depth"), "m"),
 }
 _PRESSES = ("press", "state", "indenter", "image", *_UNITS)
-
-
-def _term(store: RunStore, trial: int) -> str:
-    """Return the indenter of a trial as ``press --indenter`` has it."""
-    own = store.imported_trials.get(trial)
-    return own.indenter if own is not None and own.indenter else indenter_of(store)
 
 
 def _press_rows(

@@ -16,19 +16,12 @@ import numpy as np
 from pydantic import Field
 
 from tacauchy_rig.app.importing import press_detection as detection
-from tacauchy_rig.app.importing.source_files import (
-    IMAGE_BYTES,
-    LARGE_BYTES,
-    MIB,
-    Source,
-    at_most,
-    whole,
-)
+from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.app.importing.text_tables import unit_factor
 from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import ConfigError, RecordError, naming
+from tacauchy_rig.core.errors import ConfigError, RecordError, naming, whole
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.versions import library
 

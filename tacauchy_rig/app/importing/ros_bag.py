@@ -24,17 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from tacauchy_rig.app.importing import press_detection as detection
 from tacauchy_rig.app.importing import video_and_clock_offset as offsets
-from tacauchy_rig.app.importing.source_files import (
-    IMAGE_PIXELS,
-    LARGE_BYTES,
-    MIB,
-    Source,
-    at_most,
-    whole,
-)
+from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.field_ranges import Length, Section
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import decode_rgb, encode_png
 from tacauchy_rig.core.run import CameraClock
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from tacauchy_rig.core.arrays import AnyArray
-from tacauchy_rig.core.errors import RecordError, RigError
+from tacauchy_rig.core.errors import RecordError, RigError, whole
 from tacauchy_rig.core.store.run_files import file_sha256, read_error
 
 MIB = 2**20
@@ -172,18 +172,6 @@ class Source:
         if not path.is_relative_to(self.root):
             raise RecordError(f"{field}: {name!r} leads out of the folder", remedy=remedy)
         return path
-
-
-@contextmanager
-def whole(name: str, kind: str, *, remedy: str = "copy it anew from its source") -> Iterator[None]:
-    """Refuse by its name and kind what a library cannot read within, whatever it raises."""
-    try:
-        yield
-    except RigError:
-        raise
-    except Exception as error:
-        why = f"{type(error).__name__} {str(error)[:200]}".strip()
-        raise RecordError(f"{name}: no whole {kind}: {why}", remedy=remedy) from error
 
 
 def at_most(most: int, found: int, told: str, *, remedy: str = "split it") -> None:

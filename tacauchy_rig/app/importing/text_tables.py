@@ -18,17 +18,10 @@ from typing import Literal
 
 import numpy as np
 
-from tacauchy_rig.app.importing.source_files import (
-    TABLE_BYTES,
-    Problems,
-    Source,
-    at_most,
-    shown,
-    whole,
-)
+from tacauchy_rig.app.importing.source_files import TABLE_BYTES, Problems, Source, at_most, shown
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import ConfigError, RecordError, whole
 from tacauchy_rig.core.quantities import UNITS, Dimension
 
 ROWS_MOST = 2_000_000

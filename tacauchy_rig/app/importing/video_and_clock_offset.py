@@ -16,14 +16,7 @@ from pydantic import Field
 from scipy.signal import correlate, correlation_lags, lfilter
 
 from tacauchy_rig.app.importing import press_detection as detection
-from tacauchy_rig.app.importing.source_files import (
-    IMAGE_PIXELS,
-    LARGE_BYTES,
-    MIB,
-    Source,
-    at_most,
-    whole,
-)
+from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.app.importing.table_rows import (
     POSE,
     WRENCH,
@@ -34,7 +27,7 @@ from tacauchy_rig.app.importing.table_rows import (
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.config.field_ranges import Frequency
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import FZ, CameraClock
 from tacauchy_rig.core.versions import library
