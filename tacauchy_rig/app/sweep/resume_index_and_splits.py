@@ -42,9 +42,7 @@ def write_index(folder: Path, rows: Mapping[str, Row]) -> Any:
     further = {
         "shard": [f"{SHARDS}/{at[name][0]}" for name in rows],
         "offset": [at[name][1] for name in rows],
-        "split_place": splits(
-            f"{r.x_m // _PLACE_M:g},{r.y_m // _PLACE_M:g}" for r in rows.values()
-        ),
+        "split_place": splits(places),
         "split_object": splits(shown(r.object) for r in rows.values()),
     }
     for name, values in further.items():
