@@ -185,15 +185,11 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     rests = [each.rest for each in found]
     with suppress(RecordError):  # none is needed behind the last press
         rests.append(_rest(force, (free_ns, int(force.stamp_ns[-1])), finding, "the end"))
-    rates = []
-    for span, later in zip(found, rests[1:], strict=False):
-        apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
-        change_n = zero_of(force, later) - zero_of(force, span.rest)
-        rate = change_n / apart_s if apart_s > 0.0 else 0.0
-        during_n = abs(rate) * (span.held[1] - span.rest[0]) / S
-        rates.append(rate if during_n > DRIFT_TOLD * finding.contact_force else 0.0)
-    rates += [rates[-1] if rates else 0.0] * (len(found) - len(rates))
-    return [replace(span, drift_n_s=rate) for span, rate in zip(found, rates, strict=True)]
+    rates = np.diff([zero_of(force, rest) for rest in rests]) / np.diff(np.mean(rests, axis=1) / S)
+    rates = np.append(rates, rates[-1:] if len(rates) else 0.0)[: len(found)]
+    during_n = np.abs(rates) * [(each.held[1] - each.rest[0]) / S for each in found]
+    rates = np.where(during_n > DRIFT_TOLD * finding.contact_force, rates, 0.0)
+    return [replace(each, drift_n_s=r) for each, r in zip(found, rates.tolist(), strict=True)]
 
 
 def zero_of(force: Samples, rest: Window) -> float:
