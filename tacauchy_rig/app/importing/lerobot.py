@@ -133,7 +133,7 @@ def _episodes(
     columns = [INDEX, *(f"data/{n}" for n in PLACE)]
     if is_video:
         columns += [f"videos/{image}/{n}" for n in (*PLACE, "from_timestamp")]
-    folder = source.folder(EPISODES, field="the dataset")
+    folder = source.root / source.prefix(EPISODES, field="the dataset")
     found: dict[int, dict[str, Any]] = {}
     for path in sorted(folder.glob("*/[!.]*.parquet")):
         rows = _read_parquet(source, str(path.relative_to(source.root)), columns).to_pylist()
@@ -188,14 +188,14 @@ def _presses(
             remedy="the dataset is damaged: leave the episode out with data.episodes",
         )
     stamp_ns = np.asarray(np.rint((time_s - time_s[0] + 1.0) * detection.S), dtype=np.int64)
-    wrench = _wrench(_numbers(table, name, data.force.feature), data)
+    wrench = _wrench(table, name, data)
     where, notes = f"episode {index}: ", source.notes
     known = np.isfinite(wrench[:, 2])
     force = detection.known_samples(stamp_ns, wrench, known, where + data.force.feature, notes)
     pose = None
     if data.pose is not None:
         metres = unit_factor(data.pose.unit, Dimension.LENGTH, field="data.pose.unit")
-        placed = metres * _components(_numbers(table, name, data.pose.feature), data.pose, 3)
+        placed = metres * _numbers(table, name, data.pose.feature, data.pose.first, (3,))
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
         known = np.isfinite(placed.sum(axis=1))
         pose = detection.known_samples(stamp_ns, padded, known, where + data.pose.feature, notes)
@@ -215,40 +215,37 @@ def _presses(
     return [replace(press, name=f"episode {index}, {press.name}") for press in presses]
 
 
-def _numbers(table: pyarrow.Table, name: str, column: str) -> FloatArray:
-    """Return a column of numbers, or of lists of as many numbers each, shape [n, k]."""
+def _numbers(
+    table: pyarrow.Table, name: str, column: str, first: int = 0, counts: Sequence[int] = (1,)
+) -> FloatArray:
+    """Return numbers of a column from the first that is wanted on, shape [n, k].
+
+    Args:
+        counts: How many are taken: the most of these that there are, and one only where no more
+            are.
+    """
     cells = table.column(column).to_pylist()
-    with whole(
-        f"{name}: {column}", "column of numbers", remedy="name a feature of as many numbers a row"
-    ):
-        return np.array(cells, dtype=np.float64).reshape(len(cells), -1)
-
-
-def _components(values: FloatArray, feature: Feature, count: int) -> FloatArray:
-    """Return some numbers of a feature, shape [n, count]."""
-    end = feature.first + count
-    if values.shape[1] < end:
+    with whole(f"{name}: {column}", "column of numbers", remedy="name a feature of numbers"):
+        values = np.array(cells, dtype=np.float64).reshape(len(cells), -1)
+    left = values.shape[1] - first
+    fitting = [each for each in counts if each == left or 1 < each <= left]
+    if not fitting:
         raise ConfigError(
-            f"{feature.feature}: has {values.shape[1]} numbers; {feature.first} to {end - 1} are "
-            "wanted",
+            f"{column}: has {values.shape[1]} numbers; {' or '.join(map(str, counts))} from number "
+            f"{first} on are wanted",
             remedy="correct `first`: which of its numbers is the first that is wanted",
         )
-    return values[:, feature.first : end]
+    return values[:, first : first + max(fitting)]
 
 
-def _wrench(values: FloatArray, data: LeRobotData) -> FloatArray:
+def _wrench(table: pyarrow.Table, name: str, data: LeRobotData) -> FloatArray:
     """Return wrenches: one number is Fz, three are forces, six are forces and moments."""
     newton = unit_factor(data.force.unit, Dimension.FORCE, field="data.force.unit")
     turn = unit_factor(data.moment_unit, Dimension.TORQUE, field="data.moment_unit")
-    wrench = np.full((len(values), 6), np.nan)
-    left = values.shape[1] - data.force.first
-    if left == 1:
-        wrench[:, 2:3] = newton * _components(values, data.force, 1)
-        return wrench
-    wrench[:, :3] = newton * _components(values, data.force, 3)
-    if left >= 6:
-        wrench[:, 3:] = turn * _components(values, data.force, 6)[:, 3:]
-    return wrench
+    felt = _numbers(table, name, data.force.feature, data.force.first, (1, 3, 6))
+    wrench = np.full((len(felt), 6), np.nan)
+    wrench[:, slice(2, 3) if felt.shape[1] == 1 else slice(felt.shape[1])] = felt
+    return np.asarray(wrench * np.repeat([newton, turn], 3))
 
 
 def _stored_frames(

@@ -5,6 +5,7 @@ looked at, since the reader would make code of them.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -137,10 +138,9 @@ def _topics(bag: Sequence[Reader]) -> dict[str, str]:
 
 def _topic(bag: Sequence[Reader], name: str | None, types: tuple[str, ...], field: str) -> str:
     """Return a topic by its name, or the only one of its types, by whichever publishers."""
-    there, counts = _topics(bag), dict.fromkeys(_topics(bag), 0)
-    for file in bag:
-        for each in file.connections:
-            counts[each.topic] += each.msgcount
+    there, counts = _topics(bag), Counter[str]()
+    for each in (connection for file in bag for connection in file.connections):
+        counts[each.topic] += each.msgcount
     fitting = [t for t, kind in there.items() if kind in types and name in (None, t)]
     fitting = [topic for topic in fitting if counts[topic]] or fitting
     if len(fitting) == 1 and counts[fitting[0]] <= MESSAGES_MOST:

@@ -139,18 +139,13 @@ class Source:
             self.hashes[name] = file_sha256(path, what="a file of the source", links=True)
         return path
 
-    def folder(self, name: str, *, field: str) -> Path:
-        """Return where a folder lies, the source's own included; raises as ``path``."""
-        path = self._inside(name, field)
-        if not path.is_dir():
+    def prefix(self, name: str, *, field: str) -> str:
+        """Return what the names of a folder's files begin with; raises as ``path``."""
+        folder = self._inside(name, field)
+        if not folder.is_dir():
             raise RecordError(
                 f"{field}: {name!r} is no folder of {self.root}", remedy="correct the name"
             )
-        return path
-
-    def prefix(self, name: str, *, field: str) -> str:
-        """Return what the names of a folder's files begin with; raises as ``path``."""
-        folder = self.folder(name, field=field)
         return "" if folder == self.root else f"{folder.relative_to(self.root)}/"
 
     def read(self, name: str, *, field: str, most_bytes: int) -> bytes:

@@ -195,7 +195,7 @@ def test_without_its_extra_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reader of Parquet is no part of a plain installation."""
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(ConfigError, match="pyarrow") as refused:
         import_run(make_lerobot(tmp_path / "source"), parent=tmp_path)
     assert "pip install" in refused.value.remedy
