@@ -117,12 +117,6 @@ def _image_feature(info: Mapping[str, Any], data: LeRobotData) -> str:
             f"data.image: {data.image or 'the only feature of images'!r} is none of {INFO}",
             remedy=f"name one of: {', '.join(images)[:300] or 'there is none'}",
         )
-    for feature in (data.force, *([data.pose] if data.pose else [])):
-        if feature.feature not in features:
-            raise ConfigError(
-                f"data: {feature.feature!r} is no feature of {INFO}",
-                remedy=f"its features: {', '.join(features)[:300]}",
-            )
     return wanted[0]
 
 
