@@ -191,12 +191,10 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         """
         actions = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self.poses[:, :3] += MOVE_M * actions[:, :3]
-        half_x = 0.5 * self.pad.size_x_m - _MARGIN_M
-        half_y = 0.5 * self.pad.size_y_m - _MARGIN_M
-        self.poses[:, 0] = np.clip(self.poses[:, 0], -half_x, half_x)
-        self.poses[:, 1] = np.clip(self.poses[:, 1], -half_y, half_y)
-        lowest = self.surface_m - _DEEPEST_M
-        self.poses[:, 2] = np.clip(self.poses[:, 2], lowest, self.surface_m + 3e-3)
+        half = np.array(self.pad.half_extents()) - _MARGIN_M
+        self.poses[:, :2] = np.clip(self.poses[:, :2], -half, half)
+        lowest, highest = self.surface_m - _DEEPEST_M, self.surface_m + 3e-3
+        self.poses[:, 2] = np.clip(self.poses[:, 2], lowest, highest)
         found = self.batch.step(self.poses)
         self._feel(found)
         self._steps += 1
