@@ -57,30 +57,26 @@ class Problems:
 
     @contextmanager
     def ending(self) -> Iterator[None]:
-        """Raise an error of what is done within, together with what was noted before."""
+        """Note an error of what is done within, and raise it together with all others."""
         try:
             yield
         except RigError as error:
             self.note(error)
-            raise self.all_in_one from error
+            self.refuse()
 
     def refuse(self) -> None:
-        """Raise what was noted, if anything was."""
-        if self._found:
-            raise self.all_in_one
-
-    @property
-    def all_in_one(self) -> RigError:
-        """The only problem as it was, or one that lists all, those of one remedy together."""
+        """Raise what was noted: the only problem, or one that lists all, by their remedies."""
         errors = list(self._found.values())
         if len(errors) == 1:
-            return errors[0]
+            raise errors[0]
+        if not errors:
+            return
         told = [
             f"{shown([each.message for each in same])}\n  -> {remedy}"
             for remedy, same in groupby(errors, key=lambda each: each.remedy)
         ]
         message, _, remedy = "\n".join([f"{len(errors)} problems", *told]).rpartition("\n  -> ")
-        return RecordError(message, remedy=remedy)
+        raise RecordError(message, remedy=remedy)
 
 
 def shown(lines: Sequence[str]) -> str:
