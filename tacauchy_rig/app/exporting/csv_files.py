@@ -40,8 +40,8 @@ _TRIAL_FIELDS = (
 )
 
 
-def write_csv(store: RunStore, out: Path) -> None:
-    """Write every attempt that has a recording to ``out/trial-01-attempt-1/`` and so on.
+def write_csv(run: Path, out: Path) -> None:
+    """Write every attempt of a run that has a recording to ``out/trial-01-attempt-1/`` and so on.
 
     There are ``trials.csv`` and for each attempt ``force.csv`` (raw, and with the attempt's first
     tare taken off), ``arm.csv``, the untouched images and ``frames.csv`` with their stamps.
@@ -51,6 +51,7 @@ def write_csv(store: RunStore, out: Path) -> None:
     Raises:
         RecordError: There is no recording, or no space.
     """
+    store = RunStore.open(run)
     attempts = [key for key in store.paths.attempts() if store.paths.recording(*key).exists()]
     if not attempts:
         raise RecordError(

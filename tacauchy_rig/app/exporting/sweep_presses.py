@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from sim.scene.indenter import tilted
 from tacauchy_rig.app.exporting.episode_and_import_toml import Episode
+from tacauchy_rig.app.importing.image_conversion import opened
 from tacauchy_rig.app.importing.press_detection import Samples
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.shards import LARGE, WRENCH, parquet
 from tacauchy_rig.core.errors import RecordError, whole
-from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import ImageFrame
 
 STAMPS_NS = np.array([0, 10**9])
@@ -65,14 +65,13 @@ def _frames(folder: Path, row: dict[str, Any]) -> Iterator[ImageFrame]:
     table, place = _shard(folder / row["shard"]), row["offset"]
     for number, name in enumerate(("reference", "image")):
         content = table[name][place].as_py()
-        image = decode_rgb(content)
-        assert image is not None  # noqa: S101 - a shard's own
+        (width, height), _turned = opened(content, name=name)
         yield ImageFrame(
             stamp_ns=int(STAMPS_NS[number]),
             counter=number,
             device_stamp_s=None,
-            width=image.shape[1],
-            height=image.shape[0],
+            width=width,
+            height=height,
             jpeg=content,
         )
 

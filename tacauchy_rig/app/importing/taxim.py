@@ -22,7 +22,7 @@ from tacauchy_rig.app.importing.source_files import (
 )
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import encode_png
 
 _WANTED = ("f0", "imgs", "touch_center", "touch_radius")
@@ -41,6 +41,13 @@ _FOUND = (
     "The circles drawn into this set's images are about twice as wide as what the ball touches, so "
     "they are left out and contacts are found in the images."
 )
+
+
+_ARRAYS = (
+    "f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, touch_center "
+    "[n, 2] and touch_radius [n] lie within them [px]"
+)
+_inconsistent = partial(RecordError, remedy=_ARRAYS)
 
 
 class TaximSet(StrEnum):
@@ -124,10 +131,8 @@ def _circles(found: Mapping[str, AnyArray], name: str) -> list[tuple[float, floa
     count, height, width, _ = found["imgs"].shape
     if centres.shape != (count, 2) or radii.shape != (count,):
         raise _inconsistent(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
-    try:
+    with whole(name, "set of circles", remedy=_ARRAYS):
         circles = np.column_stack([centres, radii]).astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise _inconsistent(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
     inside = (circles >= 0.0) & (circles <= [width, height, width])
     for k in np.flatnonzero(~inside.all(axis=1) | ~(circles[:, 2] > 0.0)):
         raise _inconsistent(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
@@ -154,11 +159,3 @@ def _press(
 def _png(bgr: ImageArray) -> bytes:
     """Return an image as PNG; OpenCV, which read it for them, has blue first."""
     return encode_png(np.ascontiguousarray(bgr[..., ::-1]))
-
-
-def _inconsistent(what: str) -> RecordError:
-    return RecordError(
-        what,
-        remedy="f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, "
-        "touch_center [n, 2] and touch_radius [n] lie within them [px]",
-    )
