@@ -396,15 +396,14 @@ def _within(
 ) -> dict[str, Any]:
     """Return what the source says of the rig, its files within the folder."""
     within = dict(stated)
-    for field, value in stated.items():
-        if f"rig.{field}" in trusted or not isinstance(value, str):
+    for field in (*PATH_FIELDS, "replay.indenter"):
+        value = stated.get(field)
+        if not value or not isinstance(value, str) or f"rig.{field}" in trusted:
             continue
-        if field == "sensor.name" and not unknown(Kind.SENSOR, value):
-            continue
-        if field in PATH_FIELDS and value:
-            within[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
-        elif field == "replay.indenter":
+        if field == "replay.indenter":
             within[field] = mesh_within(source, value, field=f"rig.{field}")
+        elif field != "sensor.name" or unknown(Kind.SENSOR, value):
+            within[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
     return within
 
 

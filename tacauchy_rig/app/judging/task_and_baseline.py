@@ -29,7 +29,7 @@ from tacauchy_rig.app.importing.text_tables import FORMATS, Column, as_csv, as_t
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, optics_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of, parts_of, sensor_of
-from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import parse_toml, read_section
 from tacauchy_rig.core.errors import ConfigError, RecordError
@@ -141,9 +141,9 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
         "colour_order": ColourOrder.RGB.value,
         "left_out": list(outputs.left_out),
     }
-    known = {key: value for key, value in about.items() if value is not None}
+    stated = {key: value for key, value in about.items() if value is not None}
     units = {"force": "N", "depth": "m", "height": "m", PRESSURE: "Pa"}
-    write_atomically(folder / DESCRIPTION, f"{as_toml(known)}\n[units]\n{as_toml(units)}".encode())
+    write_atomically(folder / DESCRIPTION, f"{as_toml(stated)}\n[units]\n{as_toml(units)}".encode())
     pairs = [(trial, press.force_n, press.depth_m) for trial, press in outputs.presses.items()]
     if rows := [row for row in pairs if row[1:] != (None, None)]:
         write_atomically(folder / FORCES, as_csv([("press", "force", "depth"), *rows]))
@@ -153,14 +153,11 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
             write_atomically(place / IMAGE, encode_png(press.image))
         if press.height_m is not None:
             write_atomically(place / HEIGHT, pack_array(press.height_m.astype(np.float32)))
-        arrays: dict[str, AnyArray] = {}
-        if press.pressure_pa is not None:
-            arrays[PRESSURE] = press.pressure_pa
-        if press.shear_pa is not None:
-            arrays |= dict(zip(SHEAR, np.moveaxis(press.shear_pa, -1, 0), strict=True))
-        if arrays:
-            single = {name: array.astype(np.float32) for name, array in arrays.items()}
-            write_atomically(place / FIELDS, pack_arrays(single))
+        shear = () if press.shear_pa is None else np.moveaxis(press.shear_pa, -1, 0)
+        maps = {PRESSURE: press.pressure_pa, **dict(zip(SHEAR, shear, strict=False))}
+        known = {name: each.astype(np.float32) for name, each in maps.items() if each is not None}
+        if known:
+            write_atomically(place / FIELDS, pack_arrays(known))
 
 
 OURS = "tacauchy_rig"
