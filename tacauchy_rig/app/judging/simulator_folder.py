@@ -276,8 +276,8 @@ _LIKELY = (1.0 / UNLIKE, UNLIKE)
 _CONVENTIONS = {
     "force": ("N", "forces are positive in compression", _LIKELY),
     "depth": ("m", "depths are positive in compression", _LIKELY),
-    "height": ("m deep", "heights are negative where the gel is pressed in", (0.01, 10.0)),
-    PRESSURE: ("N in all", "pressure is positive in compression", _LIKELY),
+    "height": ("m into the gel", "heights are negative where the gel is pressed in", (0.01, 10.0)),
+    PRESSURE: ("N over the image", "pressure is positive in compression", _LIKELY),
 }
 """Of each output the unit that it is compared in, its sign, and what ratios are possible."""
 
