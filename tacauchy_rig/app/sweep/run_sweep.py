@@ -10,9 +10,9 @@ import numpy as np
 
 from tacauchy_rig.app.sweep.engines import Engine
 from tacauchy_rig.app.sweep.metadata import write_datasheet
-from tacauchy_rig.app.sweep.plan import Plan, Row, sensor_of
+from tacauchy_rig.app.sweep.plan import Plan, Row, row_hash, sensor_of
 from tacauchy_rig.app.sweep.resume_index_and_splits import done_rows, write_index
-from tacauchy_rig.app.sweep.shards import SHARDS, hashed, make_shard, parquet, shards_of
+from tacauchy_rig.app.sweep.shards import SHARDS, make_shard, parquet, shards_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg
 from tacauchy_rig.core.markdown_page import environment_of
@@ -145,7 +145,7 @@ def sweep(
     for name in ("pyarrow", "mlcroissant", "rocrate"):
         library(name, extra="sweep")
     with doing("hashing presses"):
-        named = hashed(plan, rows)
+        named = {row_hash(row, plan.simulation): row for row in rows}
         done = done_rows(out)
     left = list(shards_of(plan, named, set(done)))
     missing = [row for shard in left for row in shard.rows]

@@ -33,7 +33,6 @@ from tacauchy_rig.app.sweep.plan import (
     drawn_with,
     indenter_of,
     made_with,
-    row_hash,
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
@@ -78,11 +77,6 @@ def shards_of(plan: Plan, rows: Mapping[str, Row], done: set[str]) -> Iterator[S
             hashes, members = zip(*block[first : first + size], strict=True)
             name = hashlib.sha256("".join(hashes).encode()).hexdigest()[:32]
             yield Shard(name=name, rows=members, hashes=hashes, simulation=plan.simulation)
-
-
-def hashed(plan: Plan, rows: Sequence[Row]) -> dict[str, Row]:
-    """Return rows by their hashes."""
-    return {row_hash(row, plan.simulation): row for row in rows}
 
 
 def compute_shard(
