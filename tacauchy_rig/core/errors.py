@@ -66,3 +66,15 @@ def naming(origin: str) -> Iterator[None]:
         yield
     except RigError as error:
         raise type(error)(f"{origin}: {error.message}", remedy=error.remedy) from error
+
+
+@contextmanager
+def whole(name: str, kind: str, *, remedy: str = "copy it anew from its source") -> Iterator[None]:
+    """Refuse by its name and kind what a library cannot read within, whatever it raises."""
+    try:
+        yield
+    except RigError:
+        raise
+    except Exception as error:
+        why = f"{type(error).__name__} {str(error)[:200]}".strip()
+        raise RecordError(f"{name}: no whole {kind}: {why}", remedy=remedy) from error

@@ -23,11 +23,7 @@ from sim.scene.pad import BoxPad
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gym_imperfections import (
-    IMAGE_PX,
-    imperfections_of_run,
-    imperfections_of_sensor,
-)
+from tacauchy_rig.envs.gym_imperfections import IMAGE_PX, Imperfections, imperfections_of_run
 
 try:
     import gymnasium
@@ -99,9 +95,8 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
             raise ConfigError(f"sensor {sensor}: its pad is no box", remedy="choose another sensor")
         self.num_envs, self.render_mode, self._limit = num_envs, render_mode, max_episode_steps
         self.pad, self._has_image = gel.pad, image
-        self.imperfections = (
-            imperfections_of_sensor(gel) if run is None else imperfections_of_run(Path(run))
-        )
+        of_units = Imperfections(stiffness=gel.young_uncertainty()[0])
+        self.imperfections = of_units if run is None else imperfections_of_run(Path(run))
         edge_m = edge_m or (EDGE_M if measures_bias else _EDGE_M)
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, edge_m=edge_m, device=device)
         options = BatchOptions(residual_relative=_RESIDUAL)
@@ -191,12 +186,10 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         """
         actions = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         self.poses[:, :3] += MOVE_M * actions[:, :3]
-        half_x = 0.5 * self.pad.size_x_m - _MARGIN_M
-        half_y = 0.5 * self.pad.size_y_m - _MARGIN_M
-        self.poses[:, 0] = np.clip(self.poses[:, 0], -half_x, half_x)
-        self.poses[:, 1] = np.clip(self.poses[:, 1], -half_y, half_y)
-        lowest = self.surface_m - _DEEPEST_M
-        self.poses[:, 2] = np.clip(self.poses[:, 2], lowest, self.surface_m + 3e-3)
+        half = np.array(self.pad.half_extents()) - _MARGIN_M
+        self.poses[:, :2] = np.clip(self.poses[:, :2], -half, half)
+        lowest, highest = self.surface_m - _DEEPEST_M, self.surface_m + 3e-3
+        self.poses[:, 2] = np.clip(self.poses[:, 2], lowest, highest)
         found = self.batch.step(self.poses)
         self._feel(found)
         self._steps += 1

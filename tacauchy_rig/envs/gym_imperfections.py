@@ -8,7 +8,7 @@ import numpy as np
 
 from reports.evidence.evidence_types import ImageGeometry
 from reports.evidence.frames_and_curves import RunReading, crop_and_resize, decode_frame
-from sim.sensor.sensor import Sensor, load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import TrialRecord
@@ -42,11 +42,6 @@ class Imperfections:
     image_delay_s: float = 0.0
     image_noise: float = 0.0
     stiffness: float = 0.0
-
-
-def imperfections_of_sensor(sensor: Sensor) -> Imperfections:
-    """Return what a sensor's file says: how much the gels of its units differ in modulus."""
-    return Imperfections(stiffness=sensor.young_uncertainty()[0])
 
 
 def imperfections_of_run(folder: Path) -> Imperfections:

@@ -16,13 +16,9 @@ from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.versions import library
 
-try:
-    import mujoco
-except ImportError as error:
-    raise ConfigError(
-        "the package mujoco is not installed", remedy="pip install 'tacauchy-rig[mujoco]'"
-    ) from error
+mujoco = library("mujoco", extra="mujoco")
 
 _BALL = """
 <mujoco><option timestep="0.001"/><worldbody>

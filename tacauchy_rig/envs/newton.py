@@ -18,13 +18,9 @@ from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.versions import library
 
-try:
-    import newton
-except ImportError as error:
-    raise ConfigError(
-        "the package newton is not installed", remedy="pip install 'tacauchy-rig[newton]'"
-    ) from error
+newton = library("newton", extra="newton")
 
 
 class TactileSensor:
@@ -125,7 +121,7 @@ def balls_on_pads(
             lock_inertia=True,
             label="ball",
         )
-        builder.end_world()  # type: ignore[no-untyped-call]
+        builder.end_world()
     model = builder.finalize(device=device)
     return model, TactileSensor(model, "*pad", "*ball", Sphere(diameter_m=diameter_m), **settings)
 

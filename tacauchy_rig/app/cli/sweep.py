@@ -67,10 +67,10 @@ def sweep(
     if sample is not None:
         rows = rows[:: max(1, len(rows) // sample)][:sample]
         out = out and out / "sample"
-    expected = estimate(plan, rows)
+    processor_s, size_bytes = estimate(plan, rows)
     output.say(
-        f"{len(rows)} presses: about {expected.processor_s / 60.0:.1f} min of one core without "
-        f"others, {expected.size_bytes / 1e6:.1f} MB"
+        f"{len(rows)} presses: about {processor_s / 60.0:.1f} min of one core without "
+        f"others, {size_bytes / 1e6:.1f} MB"
     )
     if dry_run or out is None:
         return

@@ -1,6 +1,5 @@
 """A run as CSV files and images."""
 
-import csv
 import logging
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -10,9 +9,11 @@ import numpy as np
 
 from tacauchy_rig.app.exporting.episode_and_import_toml import indenter_of, pad_centre, write_spec
 from tacauchy_rig.app.importing.table_rows import POSE, WRENCH
-from tacauchy_rig.core.arrays import FloatArray, Int64Array
+from tacauchy_rig.app.importing.text_tables import as_csv
+from tacauchy_rig.core.arrays import AnyArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.atomic_write import write_atomically
 from tacauchy_rig.core.store.recording import mcap_writer
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
@@ -39,8 +40,8 @@ _TRIAL_FIELDS = (
 )
 
 
-def write_csv(store: RunStore, out: Path) -> None:
-    """Write every attempt that has a recording to ``out/trial-01-attempt-1/`` and so on.
+def write_csv(run: Path, out: Path) -> None:
+    """Write every attempt of a run that has a recording to ``out/trial-01-attempt-1/`` and so on.
 
     There are ``trials.csv`` and for each attempt ``force.csv`` (raw, and with the attempt's first
     tare taken off), ``arm.csv``, the untouched images and ``frames.csv`` with their stamps.
@@ -50,6 +51,7 @@ def write_csv(store: RunStore, out: Path) -> None:
     Raises:
         RecordError: There is no recording, or no space.
     """
+    store = RunStore.open(run)
     attempts = [key for key in store.paths.attempts() if store.paths.recording(*key).exists()]
     if not attempts:
         raise RecordError(
@@ -71,7 +73,8 @@ def write_csv(store: RunStore, out: Path) -> None:
             _write_table(folder / "frames.csv", ("file", "stamp_ns", "time_s", *_FRAMES), frames)
             counts = store.counting(trial)
             if result is not None and counts is not None and counts.attempt == attempt:
-                term = _term(store, trial)
+                other = store.imported_trials.get(trial)
+                term = (other.indenter if other else "") or indenter_of(store)
                 rows = _press_rows(recording, result, folder.name, frames, centre, term)
                 presses += sorted(rows, key=lambda row: row[_PRESSES.index("time")])
     _write_table(out / "presses.csv", _PRESSES, presses)
@@ -91,12 +94,6 @@ _UNITS = {
     **dict.fromkeys((*POSE, "contact_z", "depth"), "m"),
 }
 _PRESSES = ("press", "state", "indenter", "image", *_UNITS)
-
-
-def _term(store: RunStore, trial: int) -> str:
-    """Return the indenter of a trial as ``press --indenter`` has it."""
-    own = store.imported_trials.get(trial)
-    return own.indenter if own is not None and own.indenter else indenter_of(store)
 
 
 def _press_rows(
@@ -147,33 +144,33 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
     tare = result.tare_before if result else None
     tared = force.wrench - (np.array(tare.mean) if tare else np.full(6, np.nan))
     columns = {
-        "stamp_ns": force.stamp_ns,
-        "time_s": _times(recording, force.stamp_ns),
         "counter": force.counter,
         **dict(zip(mcap_writer.WRENCH_FIELDS, force.wrench.T, strict=True)),
         **dict(zip(_TARED_FIELDS, tared.T, strict=True)),
         "pressing_force_n": sign * tared[:, 2],
     }
-    _write_columns(path, columns)
+    _write_samples(path, recording, force.stamp_ns, columns)
 
 
 def _write_arm(recording: Recording, path: Path) -> None:
     arm = recording.arm
     columns = {
-        "stamp_ns": arm.stamp_ns,
-        "time_s": _times(recording, arm.stamp_ns),
         "controller_time_s": arm.controller_time_s,
         **dict(zip(mcap_writer.POSE_FIELDS, arm.pose.T, strict=True)),
         **dict(zip(mcap_writer.VELOCITY_FIELDS, arm.velocity.T, strict=True)),
         **dict(zip(mcap_writer.TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
         **{name: getattr(arm, name) for name in mcap_writer.ARM_STATES},
     }
-    _write_columns(path, columns)
+    _write_samples(path, recording, arm.stamp_ns, columns)
 
 
-def _write_columns(path: Path, columns: Mapping[str, FloatArray | Int64Array]) -> None:
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    _write_table(path, columns, rows)
+def _write_samples(
+    path: Path, recording: Recording, stamp_ns: Int64Array, columns: Mapping[str, AnyArray]
+) -> None:
+    """Write columns of samples behind their stamps."""
+    time_s = np.round((stamp_ns - recording.start_ns) * 1e-9, 9)
+    rows = zip(*(each.tolist() for each in (stamp_ns, time_s, *columns.values())), strict=True)
+    _write_table(path, ("stamp_ns", "time_s", *columns), rows)
 
 
 def _frame_rows(recording: Recording, folder: Path) -> Iterator[list[Any]]:
@@ -186,15 +183,7 @@ def _frame_rows(recording: Recording, folder: Path) -> Iterator[list[Any]]:
         yield [*row, *(getattr(frame, name) for name in _FRAMES)]
 
 
-def _times(recording: Recording, stamps: Int64Array) -> FloatArray:
-    return np.round((stamps - recording.start_ns) * 1e-9, 9)
-
-
 def _write_table(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a table; a number that is not known is left empty."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for row in rows:
-            writer.writerow("" if value != value else value for value in row)
+    known = (["" if value != value else value for value in row] for row in rows)
+    write_atomically(path, as_csv([names, *known]))

@@ -88,8 +88,6 @@ def export(
     with _new_folder(out) as folder:
         if form in OF_CALIBRATIONS:
             write(source, folder, sensor=sensor, background=background)
-        elif form is Format.CSV:
-            write(RunStore.open(source), folder)
         elif form not in OF_EPISODES:
             write(source, folder)
         elif is_data_set:

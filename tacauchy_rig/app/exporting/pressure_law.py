@@ -5,7 +5,6 @@ deep a point of the gel lies in the body. A gel is no such foundation: neighbour
 law c (d / H)^n is the one whose forces are nearest to those of finite elements under balls.
 """
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from sim.scene.pad import Pad
 from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.importing.text_tables import as_csv
 from tacauchy_rig.app.sweep.plan import Design, Plan, Press, Simulation, rows_of
 from tacauchy_rig.app.sweep.shards import compute_shard
 from tacauchy_rig.core.arrays import FloatArray
@@ -80,12 +80,11 @@ def write_pressure_law(source: Path, out: Path) -> None:
         "mujoco": "no pressure law: apply forces.csv as xfrc_applied, or use tacauchy_rig.envs",
     }
     write_atomically(out / "pressure-law.json", (json.dumps(content, indent=2) + "\n").encode())
-    with (out / "forces.csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["indenter", "depth_m", "force_n", "stated_error", "force_of_the_law_n"])
-        told = forces * ratios(power)
-        kept = zip(rows, depth, forces, found["force_error"], told, strict=True)
-        table.writerows([row.indenter, *map(float, values)] for row, *values in kept)
+    columns = (depth, forces, found["force_error"], forces * ratios(power))
+    numbers = zip(*(each.tolist() for each in columns), strict=True)
+    head = ("indenter", "depth_m", "force_n", "stated_error", "force_of_the_law_n")
+    lines = [(row.indenter, *each) for row, each in zip(rows, numbers, strict=True)]
+    write_atomically(out / "forces.csv", as_csv([head, *lines]))
 
 
 def _overlap(pad: Pad, diameter_m: float, depth_m: float) -> tuple[FloatArray, float]:

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from sim.scene.indenter import tilted
 from tacauchy_rig.app.exporting.episode_and_import_toml import Episode
+from tacauchy_rig.app.importing.image_conversion import opened
 from tacauchy_rig.app.importing.press_detection import Samples
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.shards import LARGE, WRENCH, parquet
-from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.image_codec import decode_rgb
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.run import ImageFrame
 
 STAMPS_NS = np.array([0, 10**9])
@@ -29,13 +29,9 @@ def presses_of(folder: Path) -> Iterator[Episode]:
     Raises:
         RecordError: None is valid, or a file is damaged.
     """
-    try:
+    remedy = "run the sweep once more: it writes the index again"
+    with whole(str(folder / INDEX), "index of a sweep", remedy=remedy):
         rows = parquet().parquet.read_table(folder / INDEX).to_pylist()
-    except (OSError, ValueError) as error:
-        raise RecordError(
-            f"{folder / INDEX}: {error}",
-            remedy="run the sweep once more: it writes the index again",
-        ) from error
     valid = sorted((r for r in rows if r["valid"]), key=lambda r: (r["shard"], r["offset"]))
     if not valid:
         raise RecordError(f"{folder}: none of its presses is valid", remedy="see summary.html")
@@ -69,14 +65,13 @@ def _frames(folder: Path, row: dict[str, Any]) -> Iterator[ImageFrame]:
     table, place = _shard(folder / row["shard"]), row["offset"]
     for number, name in enumerate(("reference", "image")):
         content = table[name][place].as_py()
-        image = decode_rgb(content)
-        assert image is not None  # noqa: S101 - a shard's own
+        (width, height), _turned = opened(content, name=name)
         yield ImageFrame(
             stamp_ns=int(STAMPS_NS[number]),
             counter=number,
             device_stamp_s=None,
-            width=image.shape[1],
-            height=image.shape[0],
+            width=width,
+            height=height,
             jpeg=content,
         )
 

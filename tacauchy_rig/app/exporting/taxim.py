@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from sim.optics.colour.photometric import PhotometricModel
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration, optics_and_frame
+from tacauchy_rig.app.replay.chosen_optics import optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_jpeg
@@ -38,8 +39,7 @@ def write_taxim(source: Path, out: Path, *, sensor: str, background: Path | None
     Raises:
         ConfigError: The calibration or the frame is missing, damaged, or of another sensor.
     """
-    made, optics, frame = _opened(source, sensor, background)
-    view, model = optics.geometry, _photometric(optics)
+    made, view, model, frame = _opened(source, sensor, background)
     # Its heights are positive towards the camera, and it takes blue for red.
     table = _tables(model, frame, TAXIM_BINS, towards=-1.0)
     colours: dict[str, Any] = {f"grad_{name}": table[..., c] for c, name in enumerate("bgr")}
@@ -69,12 +69,11 @@ def write_isaaclab(source: Path, out: Path, *, sensor: str, background: Path | N
 
     Arguments and errors are those of ``write_taxim``.
     """
-    made, optics, frame = _opened(source, sensor, background)
-    table = _tables(_photometric(optics), frame, ISAAC_BINS, towards=1.0)
+    made, view, model, frame = _opened(source, sensor, background)
+    table = _tables(model, frame, ISAAC_BINS, towards=1.0)
     colours: dict[str, Any] = {f"grad_{name}": table[..., c] for c, name in enumerate("rgb")}
     np.savez(out / "polycalib.npz", **colours)
     (out / "bg.jpg").write_bytes(encode_jpeg(frame, quality=100))
-    view = optics.geometry
     values = {
         "base_data_path": "FOLDER",
         "sensor_data_dir_name": made.name,
@@ -93,20 +92,17 @@ def write_isaaclab(source: Path, out: Path, *, sensor: str, background: Path | N
 
 def _opened(
     source: Path, name: str, background: Path | None
-) -> tuple[Sensor, OpticalCalibration, ImageArray]:
-    """Return the sensor, its optics, and the no-contact frame."""
+) -> tuple[Sensor, CameraGeometry, PhotometricModel, ImageArray]:
+    """Return the sensor, where its pixels look, its colours, and the no-contact frame."""
     is_file = source.suffix == ".npz"
     sensor = load_sensor(name if is_file else str(source))
-    return sensor, *optics_and_frame(sensor, source if is_file else None, background)
-
-
-def _photometric(optics: OpticalCalibration) -> PhotometricModel:
+    optics, frame = optics_and_frame(sensor, source if is_file else None, background)
     if not isinstance(optics.model, PhotometricModel):
         raise ConfigError(
             "this sensor's colour is one of depth, and Taxim's table is one of slope",
             remedy="export a sensor whose optics are photometric, such as gelsight-mini",
         )
-    return optics.model
+    return sensor, optics.geometry, optics.model, frame
 
 
 def _tables(model: PhotometricModel, frame: ImageArray, bins: int, *, towards: float) -> FloatArray:

@@ -8,19 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.importing.image_conversion import ASPECT
 from tacauchy_rig.app.importing.source_files import MIB, Source
 from tacauchy_rig.app.importing.text_tables import (
     ISO,
     UNKNOWN,
     Column,
     Table,
-    decoded,
     read_table,
-    separator_of,
     toml_value,
 )
 from tacauchy_rig.core.arrays import BoolArray
@@ -123,7 +118,7 @@ def _guess(source: Source) -> Guesses:
         found.say("complete", False, f"{CHECK}: true if the recorder drops no frames")
         table = _largest(source, tables)
         found.say("log", table.name, "the longest table")
-        _dialect(source, found, table)
+        _dialect(found, table)
         found.head("data.columns")
         roles = _roles(table).items()
         _columns(found, table, {role: column for role, column in roles if role in _LOG_ROLES})
@@ -161,7 +156,7 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     found.say("kind", "csv", f"there is {table.name}, with {len(table.rows)} rows")
     found.head("data")
     found.say("table", table.name, "the longest table" if len(tables) > 1 else "the only table")
-    _dialect(source, found, table)
+    _dialect(found, table)
     column, folder, named = _image_column(table, images)
     if column and folder:
         found.say("images", folder, f'where the names of column "{column}" are')
@@ -188,12 +183,8 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     negative = _columns(found, table, roles, is_rest)
     if "indenter" in roles:
         _indenters(found, table, roles["indenter"])
-    size = None
-    for name in (named or others)[:1]:
-        with Image.open(source.path(name, field="an image", most_bytes=64 * MIB)) as image:
-            size = image.size
     words = [source.root.name, *images, *table.columns]
-    _rig(found, words, size=size, has_terms="indenter" in roles)
+    _rig(found, words, has_terms="indenter" in roles)
     if negative:
         found.head("rig.force_sensor")
         found.say("compression_sign", -1, f"{CHECK}: {negative}")
@@ -212,11 +203,9 @@ def _largest(source: Source, tables: list[str]) -> Table:
     return max(read, key=lambda table: len(table.rows))
 
 
-def _dialect(source: Source, found: Guesses, table: Table) -> None:
+def _dialect(found: Guesses, table: Table) -> None:
     """Write separator and decimal sign, which columns with numbers show."""
-    text = decoded(source.read(table.name, field="a table", most_bytes=256 * MIB), table.name)
-    separator, _ = separator_of(text, stated=None)
-    found.say("separator", separator, "parts all lines alike")
+    found.say("separator", table.separator, "parts all lines alike")
     cells = [cell.strip() for row in table.rows[:200] for cell in row]
     shown = {
         sign: [cell for cell in cells if re.fullmatch(rf"[+-]?\d*{re.escape(sign)}\d+", cell)]
@@ -344,34 +333,16 @@ def _indenters(found: Guesses, table: Table, column: str) -> None:
         found.say(json.dumps(word), term, reason)
 
 
-def _rig(
-    found: Guesses,
-    words: Sequence[str],
-    *,
-    size: tuple[int, int] | None = None,
-    has_terms: bool = False,
-) -> None:
-    """Write sensor and indenter, and what the images' size [px] says of them."""
+def _rig(found: Guesses, words: Sequence[str], *, has_terms: bool = False) -> None:
+    """Write sensor and indenter; how images are stored is asked when they are looked at."""
     told = " ".join(words).lower()
-    names = [n for n in ("digit", "9dtact", "gelsight-mini") if n.partition("-")[0] in told]
     sensor, why = "gelsight-mini", f"{CHECK}: nothing names it"
-    if names:
-        sensor, why = names[0], f'a name has "{names[0].partition("-")[0]}" in it'
+    for name in ("digit", "9dtact", "gelsight-mini"):
+        if (part := name.partition("-")[0]) in told:
+            sensor, why = name, f'a name has "{part}" in it'
+            break
     found.head("rig.sensor")
     found.say("name", sensor, why)
     found.head("rig.replay")
     if not has_terms:
         found.say("indenter", "sphere:diameter=4mm", f"{CHECK}: nothing names it")
-    if size is None:
-        return
-    camera, (width, height) = load_sensor(sensor).camera, size
-    want = camera.width / camera.height
-    told = f"images of {width} x {height} px"
-    turned = abs(want * width / height - 1.0) <= ASPECT < abs(width / height / want - 1.0)
-    is_small = width * (1.0 - 2.0 * camera.crop_fraction) < camera.width
-    if turned or is_small:
-        found.head("images")
-    if turned:
-        found.say("turn", 90, f"{CHECK}: {told} look turned; 90 or 270?")
-    if is_small:
-        found.say("cropped", False, f"{CHECK}: true if {told} are cropped already")

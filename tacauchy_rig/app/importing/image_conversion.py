@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems
+from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems, at_most
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import RecordError
@@ -56,12 +56,8 @@ def opened(data: bytes, *, name: str) -> tuple[Size, int]:
     try:
         with Image.open(io.BytesIO(data), formats=_KINDS) as image:
             width, height = image.size
-            if width * height > IMAGE_PIXELS:
-                raise RecordError(
-                    f"image {name}: says that it is {width} x {height} px; at most {IMAGE_PIXELS} "
-                    "pixels are read",
-                    remedy="scale it down, or leave it out",
-                )
+            told = f"image {name}: says that it is {width} x {height} px"
+            at_most(IMAGE_PIXELS, width * height, told, remedy="scale it down, or leave it out")
             bits = data[24] if image.format == "PNG" else 8  # Pillow cuts 16 off to the upper 8
             if image.mode not in _MODES or bits > 8:
                 raise RecordError(

@@ -110,11 +110,10 @@ def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
         yield told.format("indenter", describe(indenter_of(rig.config)), "replay.indenter")
 
 
-def check_counts(recorded: Recorded) -> None:
-    """Refuse no press or too many, and presses with too many frames or without those that count."""
-    presses = recorded.presses
+def check_counts(presses: Sequence[Press]) -> Iterator[RecordError]:
+    """Yield no press or too many, and presses with too many frames or without those that count."""
     if not 1 <= len(presses) <= PRESSES_MOST:
-        raise RecordError(
+        yield RecordError(
             f"the source holds {len(presses)} presses; a run has 1 to {PRESSES_MOST}",
             remedy="split it into several folders"
             if presses
@@ -122,16 +121,20 @@ def check_counts(recorded: Recorded) -> None:
         )
     for press in presses:
         if len(press.frames) > FRAMES_MOST:
-            raise RecordError(
+            yield RecordError(
                 f"press {press.name}: {len(press.frames)} frames; at most {FRAMES_MOST} are read",
                 remedy="leave out frames that show neither the gel at rest nor the press held",
             )
-        for what, (start, end) in (("no-contact", press.reference), ("held", press.dwell)):
+        for lacks, (start, end) in (
+            ("has no image of the gel at rest", press.reference),
+            ("has no image of the gel while it is pressed", press.dwell),
+        ):
             inside = any(start <= frame.stamp_ns <= end for frame in press.frames)
             if press.frames and not inside:
-                raise RecordError(
-                    f"press {press.name}: has no {what} frame",
-                    remedy="every press needs an image of the gel without contact and one with it",
+                yield RecordError(
+                    f"press {press.name} {lacks}",
+                    remedy="record a second without contact before each press; or of a table name "
+                    "an image as data.no_contact, or state data.unloaded and data.pressed",
                 )
 
 
@@ -343,31 +346,23 @@ def import_run(
         source.name = path.name
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
-    problems, stated = source.problems, None
-    with problems.noting():
+    problems, recorded = source.problems, _read(source, spec)
+    with problems.ending():
         stated = _within(source, dict(leaves(spec.rig)), trusted=overridden)
-    recorded = _read(source, spec)
-    if stated is None:
-        raise problems.all_in_one
-    rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
+        rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
+        sensor = load_sensor(rig.config.sensor.name)
     with problems.noting():
         check(rig.config)
-    sensor = None
-    with problems.noting():
-        sensor = load_sensor(rig.config.sensor.name)
-    if sensor is None:
-        raise problems.all_in_one
     young_pa = rig.config.replay.young or sensor.material.young_pa
-    check_presses(
+    odd = check_presses(
         recorded.presses,
         _indenters(recorded, rig.config, problems),
         replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
         KEYS | _KEYS.get(spec.kind, {}),
         sign=rig.config.force_sensor.compression_sign,
-        problems=problems,
     )
-    with problems.noting():
-        check_counts(recorded)
+    for error in (*odd, *check_counts(recorded.presses)):
+        problems.note(error)
     if not recorded.presses:
         problems.refuse()
     store = RunStore.create(
@@ -378,8 +373,8 @@ def import_run(
         versions=versions(),
     )
     converter = Converter(how=spec.images, camera=sensor.camera)
-    unknown_all = (*recorded.unknown, *_unknown(recorded.presses, rig))
-    recorded = replace(recorded, unknown=unknown_all)
+    unknown = (*recorded.unknown, *_unknown(recorded.presses, rig))
+    recorded = replace(recorded, unknown=unknown)
     write_presses(store, recorded, source, converter, kind=spec.kind.value)
     return store
 
@@ -401,15 +396,14 @@ def _within(
 ) -> dict[str, Any]:
     """Return what the source says of the rig, its files within the folder."""
     within = dict(stated)
-    for field, value in stated.items():
-        if f"rig.{field}" in trusted or not isinstance(value, str):
+    for field in (*PATH_FIELDS, "replay.indenter"):
+        value = stated.get(field)
+        if not value or not isinstance(value, str) or f"rig.{field}" in trusted:
             continue
-        if field == "sensor.name" and not unknown(Kind.SENSOR, value):
-            continue
-        if field in PATH_FIELDS and value:
-            within[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
-        elif field == "replay.indenter":
+        if field == "replay.indenter":
             within[field] = mesh_within(source, value, field=f"rig.{field}")
+        elif field != "sensor.name" or unknown(Kind.SENSOR, value):
+            within[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
     return within
 
 
@@ -426,10 +420,9 @@ def _read(source: Source, spec: Spec) -> Recorded:
     """Return what the source holds, as far as it can be read; refuses where nothing of it can."""
     name, kind, reader = READERS[spec.kind]
     module = import_module(f"tacauchy_rig.app.importing.{name}")
-    recorded: Recorded = Recorded(presses=(), has_clock=False)
-    with source.problems.noting():
+    with source.problems.ending():
         data = read_section(getattr(module, kind), spec.data, where="data.", remedy=FORMATS)
-        recorded = getattr(module, reader)(source, data)
+        recorded: Recorded = getattr(module, reader)(source, data)
     if not recorded.presses:
         source.problems.refuse()
     presses = []

@@ -16,12 +16,12 @@ import numpy as np
 from pydantic import Field
 
 from tacauchy_rig.app.importing import press_detection as detection
-from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.source_files import IMAGE_BYTES, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.app.importing.text_tables import unit_factor
 from tacauchy_rig.app.importing.video_and_clock_offset import png_frames
-from tacauchy_rig.core.arrays import FloatArray, Int64Array
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import ConfigError, RecordError, naming
+from tacauchy_rig.core.errors import ConfigError, RecordError, naming, whole
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.versions import library
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 FILE_BYTES = 1024 * MIB
 UNPACKED_BYTES = 4096 * MIB
-"""Of the columns that are read, as the file's foot says."""
+"""Of a file's columns, as its foot says."""
 ROWS_MOST = 2_000_000
 VERSION = "v3."
 INFO = "meta/info.json"
@@ -95,16 +95,11 @@ def read_lerobot(source: Source, data: LeRobotData) -> detection.Recorded:
 def _info(source: Source) -> dict[str, Any]:
     """Return ``info.json``; its templates of paths have to be those of version 3, as ours are."""
     text = source.read(INFO, field="the dataset", most_bytes=MIB)
-    try:
+    with whole(INFO, "dataset's information", remedy="it has codebase_version, fps and features"):
         info: dict[str, Any] = json.loads(text)
         version, rate = str(info["codebase_version"]), float(info["fps"])
-        whole = all(isinstance(each, dict) for each in dict(info["features"]).values())
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise RecordError(
-            f"{INFO}: damaged, or no LeRobot dataset's: {type(error).__name__} {str(error)[:100]}",
-            remedy="it has codebase_version, fps and features",
-        ) from error
-    if not version.startswith(VERSION) or not whole or not 0.0 < rate < 1e4:
+        has_kinds = all("dtype" in each for each in dict(info["features"]).values())
+    if not version.startswith(VERSION) or not has_kinds or not 0.0 < rate < 1e4:
         raise RecordError(
             f"{INFO}: codebase_version {version[:20]!r}, {rate:g} rows a second",
             remedy="datasets of version 3 are read: convert it with LeRobot's own tools",
@@ -122,12 +117,6 @@ def _image_feature(info: Mapping[str, Any], data: LeRobotData) -> str:
             f"data.image: {data.image or 'the only feature of images'!r} is none of {INFO}",
             remedy=f"name one of: {', '.join(images)[:300] or 'there is none'}",
         )
-    for feature in (data.force, *([data.pose] if data.pose else [])):
-        if feature.feature not in features:
-            raise ConfigError(
-                f"data: {feature.feature!r} is no feature of {INFO}",
-                remedy=f"its features: {', '.join(features)[:300]}",
-            )
     return wanted[0]
 
 
@@ -138,7 +127,7 @@ def _episodes(
     columns = [INDEX, *(f"data/{n}" for n in PLACE)]
     if is_video:
         columns += [f"videos/{image}/{n}" for n in (*PLACE, "from_timestamp")]
-    folder = source.folder(EPISODES, field="the dataset")
+    folder = source.root / source.prefix(EPISODES, field="the dataset")
     found: dict[int, dict[str, Any]] = {}
     for path in sorted(folder.glob("*/[!.]*.parquet")):
         rows = _read_parquet(source, str(path.relative_to(source.root)), columns).to_pylist()
@@ -156,40 +145,19 @@ def _episodes(
 
 def _read_parquet(source: Source, name: str, columns: Sequence[str]) -> pyarrow.Table:
     """Return columns of a file."""
-    arrow, parquet = (library(each, extra="lerobot") for each in ("pyarrow", "pyarrow.parquet"))
+    parquet = library("pyarrow.parquet", extra="lerobot")
     path = source.path(name, field="the dataset", most_bytes=FILE_BYTES)
-    try:
-        with parquet.ParquetFile(path) as file:
-            _check_size(file, name, columns)
-            return file.read(columns=list(columns), use_threads=False)
-    except (arrow.ArrowException, OSError, ValueError, MemoryError) as error:
-        raise RecordError(
-            f"{name}: no whole Parquet file: {str(error)[:200]}",
-            remedy="copy it anew from its source",
-        ) from error
-
-
-def _check_size(file: Any, name: str, columns: Sequence[str]) -> None:
-    """Refuse what the file's foot says to be too large, before anything of it is unpacked."""
-    foot, there = file.metadata, file.schema_arrow.names
-    if missing := [each for each in columns if each not in there]:
-        raise RecordError(
-            f"{name}: has no column {', '.join(missing)[:200]}",
-            remedy=f"its columns: {', '.join(there)[:300]}",
-        )
-    groups = [foot.row_group(k) for k in range(foot.num_row_groups)]
-    parts = [group.column(k) for group in groups for k in range(group.num_columns)]
-    size = sum(
-        part.total_uncompressed_size
-        for part in parts
-        if {part.path_in_schema, part.path_in_schema.partition(".")[0]} & set(columns)
-    )
-    if foot.num_rows > ROWS_MOST or not 0 <= size <= UNPACKED_BYTES:
-        raise RecordError(
-            f"{name}: {foot.num_rows} rows of {size} bytes; at most {ROWS_MOST} of "
-            f"{UNPACKED_BYTES} are read",
-            remedy="split the dataset",
-        )
+    with whole(name, "Parquet file"), parquet.ParquetFile(path) as file:
+        foot, there = file.metadata, file.schema_arrow.names
+        if missing := [each for each in columns if each not in there]:
+            raise RecordError(
+                f"{name}: has no column {', '.join(missing)[:200]}",
+                remedy=f"its columns: {', '.join(there)[:300]}",
+            )
+        at_most(ROWS_MOST, foot.num_rows, f"{name}: {foot.num_rows} rows")
+        size = sum(foot.row_group(k).total_byte_size for k in range(foot.num_row_groups))
+        at_most(UNPACKED_BYTES, size, f"{name}: unpacks to {size} bytes")
+        return file.read(columns=list(columns), use_threads=False)
 
 
 def _presses(
@@ -214,15 +182,17 @@ def _presses(
             remedy="the dataset is damaged: leave the episode out with data.episodes",
         )
     stamp_ns = np.asarray(np.rint((time_s - time_s[0] + 1.0) * detection.S), dtype=np.int64)
-    wrench = _wrench(_numbers(table, name, data.force.feature), data)
-    where = f"episode {index}: "
-    force = _finite(source, stamp_ns, wrench, wrench[:, 2], where + data.force.feature)
+    wrench = _wrench(table, name, data)
+    where, notes = f"episode {index}: ", source.notes
+    known = np.isfinite(wrench[:, 2])
+    force = detection.known_samples(stamp_ns, wrench, known, where + data.force.feature, notes)
     pose = None
     if data.pose is not None:
         metres = unit_factor(data.pose.unit, Dimension.LENGTH, field="data.pose.unit")
-        placed = metres * _components(_numbers(table, name, data.pose.feature), data.pose, 3)
+        placed = metres * _numbers(table, name, data.pose.feature, data.pose.first, (3,))
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
-        pose = _finite(source, stamp_ns, padded, placed.sum(axis=1), where + data.pose.feature)
+        known = np.isfinite(placed.sum(axis=1))
+        pose = detection.known_samples(stamp_ns, padded, known, where + data.pose.feature, notes)
     with naming(f"episode {index}"):
         found = detection.find_presses(force, data.presses)
         rows = np.flatnonzero(detection.needed(stamp_ns, found))
@@ -234,61 +204,42 @@ def _presses(
             numbers = float(info["fps"]) * (time_s + episode[f"videos/{image}/from_timestamp"])
             stamps = {round(numbers[row]): stamp for row, stamp in wanted.items()}
             frames = _video_frames(source, image, episode, stamps)
-        source.notes += [f"Episode {index}: {note}" for note in detection.drift_note(found)]
+        notes += [f"Episode {index}: {note}" for note in detection.drift_note(found)]
         presses = detection.cut(found, force, frames, pose)
     return [replace(press, name=f"episode {index}, {press.name}") for press in presses]
 
 
-def _numbers(table: pyarrow.Table, name: str, column: str) -> FloatArray:
-    """Return a column of numbers, or of lists of as many numbers each, shape [n, k]."""
+def _numbers(
+    table: pyarrow.Table, name: str, column: str, first: int = 0, counts: Sequence[int] = (1,)
+) -> FloatArray:
+    """Return numbers of a column from the first that is wanted on, shape [n, k].
+
+    Args:
+        counts: How many are taken: the most of these that there are, and one only where no more
+            are.
+    """
     cells = table.column(column).to_pylist()
-    try:
-        return np.array(cells, dtype=np.float64).reshape(len(cells), -1)
-    except (TypeError, ValueError) as error:
-        raise RecordError(
-            f"{name}: {column}: no numbers, or not as many in each row",
-            remedy="name a feature of numbers",
-        ) from error
-
-
-def _components(values: FloatArray, feature: Feature, count: int) -> FloatArray:
-    """Return some numbers of a feature, shape [n, count]."""
-    end = feature.first + count
-    if values.shape[1] < end:
+    with whole(f"{name}: {column}", "column of numbers", remedy="name a feature of numbers"):
+        values = np.array(cells, dtype=np.float64).reshape(len(cells), -1)
+    left = values.shape[1] - first
+    fitting = [each for each in counts if each == left or 1 < each <= left]
+    if not fitting:
         raise ConfigError(
-            f"{feature.feature}: has {values.shape[1]} numbers; {feature.first} to {end - 1} are "
-            "wanted",
+            f"{column}: has {values.shape[1]} numbers; {' or '.join(map(str, counts))} from number "
+            f"{first} on are wanted",
             remedy="correct `first`: which of its numbers is the first that is wanted",
         )
-    return values[:, feature.first : end]
+    return values[:, first : first + max(fitting)]
 
 
-def _wrench(values: FloatArray, data: LeRobotData) -> FloatArray:
+def _wrench(table: pyarrow.Table, name: str, data: LeRobotData) -> FloatArray:
     """Return wrenches: one number is Fz, three are forces, six are forces and moments."""
     newton = unit_factor(data.force.unit, Dimension.FORCE, field="data.force.unit")
     turn = unit_factor(data.moment_unit, Dimension.TORQUE, field="data.moment_unit")
-    wrench = np.full((len(values), 6), np.nan)
-    left = values.shape[1] - data.force.first
-    if left == 1:
-        wrench[:, 2:3] = newton * _components(values, data.force, 1)
-        return wrench
-    wrench[:, :3] = newton * _components(values, data.force, 3)
-    if left >= 6:
-        wrench[:, 3:] = turn * _components(values, data.force, 6)[:, 3:]
-    return wrench
-
-
-def _finite(
-    source: Source, stamp_ns: Int64Array, values: FloatArray, told_by: FloatArray, where: str
-) -> detection.Samples:
-    """Return the rows with finite numbers; how many were left out is noted."""
-    known = np.isfinite(told_by)
-    if not known.any():
-        raise RecordError(f"{where}: holds no finite numbers", remedy="leave this episode out")
-    if not known.all():
-        lost = f"{int((~known).sum())} of {len(known)} rows hold no finite numbers"
-        source.notes.append(f"{where}: {lost} and were left out.")
-    return detection.Samples(stamp_ns=stamp_ns, value=values).where(known)
+    felt = _numbers(table, name, data.force.feature, data.force.first, (1, 3, 6))
+    wrench = np.full((len(felt), 6), np.nan)
+    wrench[:, slice(2, 3) if felt.shape[1] == 1 else slice(felt.shape[1])] = felt
+    return np.asarray(wrench * np.repeat([newton, turn], 3))
 
 
 def _stored_frames(

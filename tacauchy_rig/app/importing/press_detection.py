@@ -42,6 +42,15 @@ class Samples:
         return replace(self, stamp_ns=self.stamp_ns[kept], value=self.value[kept])
 
 
+def known_samples(
+    stamp_ns: Int64Array, value: FloatArray, known: BoolArray, where: str, notes: list[str]
+) -> Samples:
+    """Return the samples that are known; how many were left out is noted."""
+    if lost := int((~known).sum()):
+        notes.append(f"{where}: {lost} of {len(known)} samples, no finite numbers, were left out.")
+    return Samples(stamp_ns=stamp_ns[known], value=value[known])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """An image of the source."""
@@ -176,15 +185,11 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     rests = [each.rest for each in found]
     with suppress(RecordError):  # none is needed behind the last press
         rests.append(_rest(force, (free_ns, int(force.stamp_ns[-1])), finding, "the end"))
-    rates = []
-    for span, later in zip(found, rests[1:], strict=False):
-        apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
-        change_n = zero_of(force, later) - zero_of(force, span.rest)
-        rate = change_n / apart_s if apart_s > 0.0 else 0.0
-        during_n = abs(rate) * (span.held[1] - span.rest[0]) / S
-        rates.append(rate if during_n > DRIFT_TOLD * finding.contact_force else 0.0)
-    rates += [rates[-1] if rates else 0.0] * (len(found) - len(rates))
-    return [replace(span, drift_n_s=rate) for span, rate in zip(found, rates, strict=True)]
+    rates = np.diff([zero_of(force, rest) for rest in rests]) / np.diff(np.mean(rests, axis=1) / S)
+    rates = np.append(rates, rates[-1:] if len(rates) else 0.0)[: len(found)]
+    during_n = np.abs(rates) * [(each.held[1] - each.rest[0]) / S for each in found]
+    rates = np.where(during_n > DRIFT_TOLD * finding.contact_force, rates, 0.0)
+    return [replace(each, drift_n_s=r) for each, r in zip(found, rates.tolist(), strict=True)]
 
 
 def zero_of(force: Samples, rest: Window) -> float:
@@ -353,20 +358,11 @@ def cut(
         frames: In order of time.
         pose: Of the tip; None where nobody recorded it.
         pad_centre: Where the tip's x and y are above the pad's centre [m]; None is not known.
-
-    Raises:
-        RecordError: One has no image of the gel at rest.
     """
     presses = []
     for span in found:
         rest, whole = span.rest, (span.rest[0], span.pressed[1])
         own = tuple(each for each in frames if whole[0] <= each.stamp_ns <= whole[1])
-        unloaded = [each.stamp_ns for each in own if each.stamp_ns <= rest[1]]
-        if not unloaded:
-            raise RecordError(
-                f"{span.name}: no image of the gel at rest before it",
-                remedy="record images for at least a second without contact before each press",
-            )
         felt = force.within(whole)
         felt.value[:, FZ] -= span.drift_n_s * (felt.stamp_ns - sum(rest) / 2.0) / S
         moved = None if pose is None else pose.within(whole)
@@ -379,7 +375,7 @@ def cut(
             Press(
                 name=span.name,
                 frames=own,
-                reference=(unloaded[0], unloaded[-1]),
+                reference=rest,
                 dwell=span.held,
                 force=felt,
                 pose=moved if moved is not None and len(moved.stamp_ns) else None,

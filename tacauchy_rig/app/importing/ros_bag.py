@@ -5,9 +5,9 @@ looked at, since the reader would make code of them.
 """
 
 import re
-import struct
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from backports import zstd
 from lz4.frame import LZ4FrameDecompressor
-from mcap.exceptions import McapError
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from pydantic import Field
@@ -26,10 +25,10 @@ from scipy.spatial.transform import Rotation
 
 from tacauchy_rig.app.importing import press_detection as detection
 from tacauchy_rig.app.importing import video_and_clock_offset as offsets
-from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.field_ranges import Length, Section
-from tacauchy_rig.core.errors import RecordError, RigError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import decode_rgb, encode_png
 from tacauchy_rig.core.run import CameraClock
 
@@ -49,6 +48,7 @@ FITS = 0.9
 """Of the best correlation: stamps that have it fit as they are."""
 ALIGNED_MOST = 20_000
 """Frames that are looked at: a quarter of an hour at 20 Hz."""
+_MENDED = "copy it anew from its source; `mcap recover` mends an MCAP file whose end is missing"
 _FOUND = (
     "{count} presses were found by the force. Zero and the no-contact image of each are of the "
     "second before it; it counts as held while the force is nearly its largest, which no protocol "
@@ -76,24 +76,15 @@ def read_bag(source: Source, data: BagData) -> detection.Recorded:
     paths = _checked(source, data.file)
     notes: list[str] = []
     pose = None
-    try:
-        with ExitStack() as stack:
-            # Each file is read by itself: what the bag's metadata says of them is not needed.
-            bag = [stack.enter_context(Reader(path)) for path in paths]
-            image = _topic(bag, data.image, IMAGES, "data.image")
-            wrench = _topic(bag, data.force, (WRENCH,), "data.force")
-            force, force_late_ns = _samples(bag, wrench, _wrench, notes)
-            frames, frames_late_ns = _frames(bag, image)
-            if data.pose is not None or POSE in _topics(bag).values():
-                pose, _ = _samples(bag, _topic(bag, data.pose, (POSE,), "data.pose"), _pose, notes)
-    except RigError:
-        raise
-    except Exception as error:
-        raise RecordError(
-            f"{data.file}: no whole ROS 2 bag: {type(error).__name__}: {str(error)[:200]}",
-            remedy="copy it anew from its source; `mcap recover` of the MCAP tools mends a file "
-            "whose end is missing",
-        ) from error
+    with whole(data.file, "ROS 2 bag", remedy=_MENDED), ExitStack() as stack:
+        # Each file is read by itself: what the bag's metadata says of them is not needed.
+        bag = [stack.enter_context(Reader(path)) for path in paths]
+        image = _topic(bag, data.image, IMAGES, "data.image")
+        wrench = _topic(bag, data.force, (WRENCH,), "data.force")
+        force, force_late_ns = _samples(bag, wrench, _wrench, notes)
+        frames, frames_late_ns = _frames(bag, image)
+        if data.pose is not None or POSE in _topics(bag).values():
+            pose, _ = _samples(bag, _topic(bag, data.pose, (POSE,), "data.pose"), _pose, notes)
     found = detection.find_presses(force, data.presses)
     apart_s = float(np.median(frames_late_ns) - np.median(force_late_ns)) / detection.S
     frames, clock = _aligned(force, frames, found, apart_s, notes)
@@ -147,10 +138,9 @@ def _topics(bag: Sequence[Reader]) -> dict[str, str]:
 
 def _topic(bag: Sequence[Reader], name: str | None, types: tuple[str, ...], field: str) -> str:
     """Return a topic by its name, or the only one of its types, by whichever publishers."""
-    there, counts = _topics(bag), dict.fromkeys(_topics(bag), 0)
-    for file in bag:
-        for each in file.connections:
-            counts[each.topic] += each.msgcount
+    there, counts = _topics(bag), Counter[str]()
+    for each in (connection for file in bag for connection in file.connections):
+        counts[each.topic] += each.msgcount
     fitting = [t for t, kind in there.items() if kind in types and name in (None, t)]
     fitting = [topic for topic in fitting if counts[topic]] or fitting
     if len(fitting) == 1 and counts[fitting[0]] <= MESSAGES_MOST:
@@ -185,12 +175,7 @@ def _samples(
     stamps, late = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
     value = np.array([row for *_, row in rows], dtype=np.float64).reshape(-1, 6)
     known = np.asarray(np.isfinite(value).all(axis=1))
-    if not known.all():
-        notes.append(
-            f"{topic}: {int((~known).sum())} of {len(known)} messages hold values that are no "
-            "finite numbers and were left out."
-        )
-    return detection.Samples(stamp_ns=stamps, value=value).where(known), late
+    return detection.known_samples(stamps, value, known, topic, notes), late
 
 
 def _wrench(message: Any) -> list[float]:
@@ -213,10 +198,7 @@ def _frames(bag: Sequence[Reader], topic: str) -> tuple[list[detection.Frame], I
     found, lateness = [], []
     for number, (stamp_ns, late, message) in enumerate(_messages(bag, topic)):
         size += len(message.data)
-        if size > FRAMES_BYTES:
-            raise RecordError(
-                f"{topic}: more than {FRAMES_BYTES} bytes of images", remedy="split the bag"
-            )
+        at_most(FRAMES_BYTES, size, f"{topic}: {size} bytes of images or more")
         name = f"{topic} {number}"
         data = _raw(message, name) if is_raw else message.data.tobytes()
         found.append(detection.Frame(stamp_ns=stamp_ns, name=name, read=partial(bytes, data)))
@@ -320,35 +302,19 @@ def check_chunks(path: Path, *, name: str) -> None:
         RecordError: A record is longer than its file, or a chunk unpacks to too much.
     """
     limit = min(path.stat().st_size, 2 * CHUNK_BYTES)
-    with path.open("rb") as file:
-        records = StreamReader(file, emit_chunks=True, record_size_limit=limit).records
-        try:
-            for chunk in (each for each in records if isinstance(each, Chunk)):
-                if why := _odd_chunk(chunk):
-                    raise _broken(name, f"a chunk before byte {file.tell()} {why}")
-        except (McapError, struct.error, ValueError) as error:
-            raise _broken(name, f"{type(error).__name__} {error}".strip()) from error
+    with path.open("rb") as file, whole(name, "MCAP file", remedy=_MENDED):
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=limit).records:
+            if isinstance(record, Chunk):
+                _check_chunk(record, f"{name}: a chunk before byte {file.tell()}")
 
 
-def _odd_chunk(chunk: Chunk) -> str:
-    """Return what is wrong with a chunk's size; never more than it states is unpacked."""
-    if chunk.uncompressed_size > CHUNK_BYTES:
-        return f"unpacks to {chunk.uncompressed_size} bytes; at most {CHUNK_BYTES} are read"
+def _check_chunk(chunk: Chunk, where: str) -> None:
+    """Refuse a chunk by its size; never more than it states is unpacked."""
+    size, remedy = chunk.uncompressed_size, "record it anew in chunks of some megabytes"
+    at_most(CHUNK_BYTES, size, f"{where} unpacks to {size} bytes", remedy=remedy)
     if chunk.compression not in _UNPACKING:
-        return ""
-    most = chunk.uncompressed_size + 1
-    try:
-        unpacked = _UNPACKING[chunk.compression]().decompress(chunk.data, max_length=most)
-    except (RuntimeError, EOFError, zstd.ZstdError):
-        return ""  # the reader says that it is damaged
-    if len(unpacked) < most:
-        return ""
-    return f"says to unpack to {chunk.uncompressed_size} bytes and goes on"
-
-
-def _broken(name: str, why: str) -> RecordError:
-    return RecordError(
-        f"{name}: no MCAP file that is read: {why}",
-        remedy="record it anew in chunks of some megabytes, or copy it anew from its source; `mcap "
-        "recover` of the MCAP tools mends a file whose end is missing",
-    )
+        return
+    with suppress(RuntimeError, EOFError, zstd.ZstdError):  # the reader says that it is damaged
+        unpacked = _UNPACKING[chunk.compression]().decompress(chunk.data, max_length=size + 1)
+        told = f"{where} says to unpack to {size} bytes and goes on"
+        at_most(size, len(unpacked), told, remedy=remedy)

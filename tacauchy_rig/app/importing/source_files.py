@@ -1,7 +1,6 @@
 """The folder that is imported: files and arrays of it, bounded, hashed, never unpickled."""
 
 import io
-import math
 import os
 import stat
 import zipfile
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from tacauchy_rig.core.arrays import AnyArray
-from tacauchy_rig.core.errors import RecordError, RigError
+from tacauchy_rig.core.errors import RecordError, RigError, whole
 from tacauchy_rig.core.store.run_files import file_sha256, read_error
 
 MIB = 2**20
@@ -27,7 +26,7 @@ TABLE_BYTES = 256 * MIB
 LARGE_BYTES = 8192 * MIB
 """Of a bag, a video or an archive, which is read piece by piece."""
 ARRAY_BYTES = 1024 * MIB
-"""Of an array in memory: a thousand frames of 640 x 480 px in colour."""
+"""Of arrays in memory: a thousand frames of 640 x 480 px in colour."""
 MEMBERS_MOST = 10_000
 """Of an archive; a wheel has some dozens."""
 SHOWN = 20
@@ -42,8 +41,11 @@ class Problems:
 
     def add(self, message: str, *, remedy: str) -> None:
         """Note a problem."""
-        with self.noting():
-            raise RecordError(message, remedy=remedy)
+        self.note(RecordError(message, remedy=remedy))
+
+    def note(self, error: RigError) -> None:
+        """Note an error."""
+        self._found.setdefault(str(error), error)
 
     @contextmanager
     def noting(self) -> Iterator[None]:
@@ -51,25 +53,30 @@ class Problems:
         try:
             yield
         except RigError as error:
-            self._found.setdefault(str(error), error)
+            self.note(error)
+
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Note an error of what is done within, and raise it together with all others."""
+        try:
+            yield
+        except RigError as error:
+            self.note(error)
+            self.refuse()
 
     def refuse(self) -> None:
-        """Raise what was noted, if anything was."""
-        if self._found:
-            raise self.all_in_one
-
-    @property
-    def all_in_one(self) -> RigError:
-        """The only problem as it was, or one that lists all, those of one remedy together."""
+        """Raise what was noted: the only problem, or one that lists all, by their remedies."""
         errors = list(self._found.values())
         if len(errors) == 1:
-            return errors[0]
+            raise errors[0]
+        if not errors:
+            return
         told = [
             f"{shown([each.message for each in same])}\n  -> {remedy}"
             for remedy, same in groupby(errors, key=lambda each: each.remedy)
         ]
         message, _, remedy = "\n".join([f"{len(errors)} problems", *told]).rpartition("\n  -> ")
-        return RecordError(message, remedy=remedy)
+        raise RecordError(message, remedy=remedy)
 
 
 def shown(lines: Sequence[str]) -> str:
@@ -128,18 +135,13 @@ class Source:
             self.hashes[name] = file_sha256(path, what="a file of the source", links=True)
         return path
 
-    def folder(self, name: str, *, field: str) -> Path:
-        """Return where a folder lies, the source's own included; raises as ``path``."""
-        path = self._inside(name, field)
-        if not path.is_dir():
+    def prefix(self, name: str, *, field: str) -> str:
+        """Return what the names of a folder's files begin with; raises as ``path``."""
+        folder = self._inside(name, field)
+        if not folder.is_dir():
             raise RecordError(
                 f"{field}: {name!r} is no folder of {self.root}", remedy="correct the name"
             )
-        return path
-
-    def prefix(self, name: str, *, field: str) -> str:
-        """Return what the names of a folder's files begin with; raises as ``path``."""
-        folder = self.folder(name, field=field)
         return "" if folder == self.root else f"{folder.relative_to(self.root)}/"
 
     def read(self, name: str, *, field: str, most_bytes: int) -> bytes:
@@ -163,98 +165,48 @@ class Source:
         return path
 
 
+def at_most(most: int, found: int, told: str, *, remedy: str = "split it") -> None:
+    """Refuse more than is read; the message begins with what was found."""
+    if found > most:
+        raise RecordError(f"{told}; at most {most} are read", remedy=remedy)
+
+
 @contextmanager
-def _archive(data: bytes, name: str) -> Iterator[zipfile.ZipFile]:
-    """Open a zip archive of at most ``MEMBERS_MOST`` files; damage ends in a RecordError."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as found:
-            if (count := len(found.filelist)) > MEMBERS_MOST:
-                raise RecordError(
-                    f"{name}: an archive of {count} files; at most {MEMBERS_MOST} are read",
-                    remedy="unpack what is needed",
-                )
-            yield found
-    except RigError:
-        raise
-    except Exception as error:
+def archive(data: bytes, *, name: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive that is neither damaged nor larger than it may be."""
+    with whole(name, "zip archive"), zipfile.ZipFile(io.BytesIO(data)) as found:
+        count, size = len(found.filelist), sum(each.file_size for each in found.filelist)
+        at_most(MEMBERS_MOST, count, f"{name}: an archive of {count} files")
+        at_most(ARRAY_BYTES, size, f"{name}: unpacks to {size} bytes")
+        yield found
+
+
+def read_member(found: zipfile.ZipFile, member: str, *, name: str) -> bytes:
+    """Return one file of an archive, no longer than it states. RecordError: It lacks the file."""
+    if member not in found.namelist():
         raise RecordError(
-            f"{name}: no whole zip archive: {str(error)[:200]}",
-            remedy="copy it anew from its source",
-        ) from error
+            f"{name}: has no {member}",
+            remedy=f"it holds: {', '.join(found.namelist())[:200] or 'nothing'}",
+        )
+    with found.open(member) as file:
+        return file.read(found.getinfo(member).file_size)
 
 
-def members(data: bytes, *, name: str) -> list[str]:
-    """Return the names of the files in an archive of that name."""
-    with _archive(data, name) as found:
-        return found.namelist()
-
-
-def read_member(data: bytes, member: str, *, name: str) -> bytes:
-    """Return one file of a zip archive, no larger than an array may be.
-
-    Raises:
-        RecordError: It is no archive, lacks the file, or the file is damaged or too large.
-    """
-    with _archive(data, name) as found:
-        if member not in found.namelist():
-            raise RecordError(
-                f"{name}: has no {member}",
-                remedy=f"it holds: {', '.join(found.namelist())[:200] or 'nothing'}",
-            )
-        info = found.getinfo(member)
-        if info.file_size > ARRAY_BYTES:
-            raise RecordError(
-                f"{name}: {member[:80]} unpacks to {info.file_size} bytes; at most {ARRAY_BYTES} "
-                "are read",
-                remedy="split it",
-            )
-        with found.open(info) as file:
-            return file.read(info.file_size)
-
-
-def array_names(data: bytes, *, name: str) -> list[str]:
-    """Return the names of an ``.npz``'s arrays."""
-    return [each.removesuffix(".npy") for each in members(data, name=name)]
-
-
-def read_npz(data: bytes, arrays: Iterable[str], *, name: str) -> dict[str, AnyArray]:
-    """Return arrays of an ``.npz`` of a name; raises as ``read_member`` and ``read_npy``."""
-    return {
-        array: read_npy(read_member(data, f"{array}.npy", name=name), name=f"{name}: {array}")
-        for array in arrays
-    }
+def read_npz(data: bytes, *, name: str, wanted: Iterable[str] = ()) -> dict[str, AnyArray]:
+    """Return some arrays of an ``.npz``, or all; raises as the functions above and below."""
+    with archive(data, name=name) as found:
+        arrays = wanted or [each.removesuffix(".npy") for each in found.namelist()]
+        return {
+            each: read_npy(read_member(found, f"{each}.npy", name=name), name=f"{name}: {each}")
+            for each in arrays
+        }
 
 
 def read_npy(data: bytes, *, name: str) -> AnyArray:
-    """Return the array of an ``.npy``'s bytes.
+    """Return the array of an ``.npy``'s bytes. RecordError: It is damaged, or a pickle of objects.
 
-    Its head is read first: an array of objects is a pickle, which is never loaded, and one that
-    says to be larger than its bytes is never made room for.
-
-    Raises:
-        RecordError: It is damaged, or of objects.
+    One that says to be larger than its bytes are is never made room for.
     """
-    stream = io.BytesIO(data)
-    try:
-        version = npy.read_magic(stream)
-        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, dtype = read_head(stream)
-    except Exception as error:
-        raise RecordError(
-            f"{name}: no array of NumPy's ({len(data)} bytes): {str(error)[:200]}",
-            remedy="save it anew with numpy.save",
-        ) from error
-    if dtype.hasobject:
-        raise RecordError(
-            f"{name}: an array of Python objects, which is a pickle; pickles are never loaded",
-            remedy="save plain numbers or images: numpy.save(..., allow_pickle=False)",
-        )
-    stated_bytes = math.prod(shape) * dtype.itemsize
-    if min(shape, default=0) < 0 or stated_bytes != len(data) - stream.tell():
-        raise RecordError(
-            f"{name}: says that it is {shape} of {dtype}, {stated_bytes} bytes, and has "
-            f"{len(data) - stream.tell()}",
-            remedy="the file was cut off or edited: copy it anew from its source",
-        )
-    stream.seek(0)
-    return np.asarray(npy.read_array(stream, allow_pickle=False))
+    remedy = "save plain numbers or images; docs/reference/file-formats.md converts pickles"
+    with whole(name, "NumPy array (pickles are never loaded)", remedy=remedy):
+        return np.asarray(npy.read_array(io.BytesIO(data), allow_pickle=False))

@@ -188,7 +188,8 @@ class _Rows:
         self.image = text("image", [""] * count)
         self.indenter = text("indenter", [""] * count)
         self.wrench = read_columns(table, columns, *WRENCH)
-        self.place = read_columns(table, columns, *POSE)
+        place = read_columns(table, columns, *POSE)
+        self.pose = np.pad(place, ((0, 0), (0, 3)), constant_values=math.nan)
         self.depth, self.contact_z = read_columns(table, columns, "depth", "contact_z").T
         self.notes = ["No times were stated: the stamps of this run count rows."]
         self.has_clock = columns.time is not None
@@ -211,47 +212,38 @@ class _Rows:
         told = f'Times of the column "{column}" go back {back} times; rows were sorted by them.'
         alike = f'{still} rows have the time of the row before (column "{column}").'
         self.notes = [told] * bool(back) + [alike] * bool(still)
-        contradicted = None
-        for own in self.by_press():
-            rest, held = own[self.at_rest[own]], own[self.pressed[own]]
-            if len(held) and len(among := self._among(rest, held, stamps)):
-                contradicted = int(among[0])
-                break
-        if contradicted is None:
+        contradicted = [k for own in self.by_press() for k in self._between(own, stamps).tolist()]
+        if not contradicted:
             self.stamp_ns = stamps
             return
         self.has_clock = False
         self.notes.append(
             f'Times of the column "{column}" were left out: those of press '
-            f"{self.press[contradicted]} do not tell its rows at rest from its rows pressed "
-            f"({self.table.where(contradicted)}), which are labelled. Stamps of this run count "
+            f"{self.press[contradicted[0]]} do not tell its rows at rest from its rows pressed "
+            f"({self.table.where(contradicted[0])}), which are labelled. Stamps of this run count "
             "rows."
         )
 
-    def _among(self, rest: IndexArray, held: IndexArray, stamps: Int64Array) -> IndexArray:
-        """Return the rows at rest that stamps put among the rows pressed."""
-        first, last = int(stamps[held].min()), int(stamps[held].max())
-        return rest[(stamps[rest] >= first) & (stamps[rest] <= last)]
+    def _between(self, own: IndexArray, stamps: Int64Array) -> IndexArray:
+        """Return a press's rows at rest that stamps put between its rows pressed."""
+        rest, held = own[self.at_rest[own]], stamps[own[self.pressed[own]]]
+        first, last = (held.min(), held.max()) if len(held) else (1, 0)
+        return np.asarray(rest[(stamps[rest] >= first) & (stamps[rest] <= last)])
 
     def _window(self, own: IndexArray) -> Window | None:
         """Return first and last stamp of some rows; None of none."""
         stamps = self.stamp_ns[own]
         return (int(stamps.min()), int(stamps.max())) if len(own) else None
 
-    def _rest_window(self, rest: IndexArray, held: IndexArray) -> Window | None:
+    def _rest_window(self, rest: IndexArray, pressed: IndexArray) -> Window | None:
         """Return when rows at rest were before a press, or after it, where none are before."""
-        if len(among := self._among(rest, held, self.stamp_ns)):
-            raise RecordError(
-                f"{self.table.where(int(among[0]))}: press {self.press[held[0]]} is at rest "
-                "between rows in which it is pressed",
-                remedy="give each press a name of its own in the column of data.columns.press",
-            )
-        before = rest[self.stamp_ns[rest] < self.stamp_ns[held].min()]
+        before = rest[self.stamp_ns[rest] < self.stamp_ns[pressed].min()]
         return self._window(before if len(before) else rest)
 
     def _samples(self, own: IndexArray, values: FloatArray) -> Samples | None:
-        """Return the values of some rows as a stream; None of none."""
-        return Samples(stamp_ns=self.stamp_ns[own], value=values[own]) if len(own) else None
+        """Return the rows whose third number is known as a stream; None of none."""
+        kept = own[~np.isnan(values[own, FZ])]
+        return Samples(stamp_ns=self.stamp_ns[kept], value=values[kept]) if len(kept) else None
 
     def press_of(
         self, own: IndexArray, image: Image, no_contact: Callable[[], bytes] | None
@@ -265,6 +257,12 @@ class _Rows:
                 f'{table.name}: press {name} has no row whose state is "{data.pressed}"',
                 remedy="state the values of that column as data.unloaded and data.pressed",
             )
+        if len(among := self._between(own, self.stamp_ns)):
+            raise RecordError(
+                f"{table.where(int(among[0]))}: press {name} is at rest between rows in which it "
+                "is pressed",
+                remedy="give each press a name of its own in the column of data.columns.press",
+            )
         frames = self._frames(own, image)
         reference = self._rest_window(unloaded[self.image[unloaded] != ""], pressed)
         if reference is None and data.no_contact is not None and frames:
@@ -272,30 +270,19 @@ class _Rows:
             if no_contact is not None:
                 frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=no_contact))
             reference = (stamp, stamp)
-        if reference is None and frames:
-            raise RecordError(
-                f"{table.name}: press {name} has no image of the gel at rest",
-                remedy=f'name one as data.no_contact, or add rows whose state is "{data.unloaded}"',
-            )
-        has_force = ~np.isnan(self.wrench[:, FZ])
-        has_place = np.asarray(~np.isnan(self.place).any(axis=1))
-        tare = None
-        if not data.is_tared:
-            tare = self._rest_window(unloaded[has_force[unloaded]], pressed)
         dwell = self._window(pressed) or (0, 0)
-        x, y = (_mean(self.place[pressed, axis]) for axis in (0, 1))
+        weighed = unloaded[~np.isnan(self.wrench[unloaded, FZ])]
+        x, y = (_mean(self.pose[pressed, axis]) for axis in (0, 1))
         named = next((k for k in pressed.tolist() if self.indenter[k]), None)
         term = "" if named is None else self.indenter[named]
         return Press(
             name=name,
             frames=tuple(frames),
-            reference=reference or dwell,
+            reference=reference or ((0, 0) if frames else dwell),  # stamps begin later
             dwell=dwell,
-            force=self._samples(own[has_force[own]], self.wrench),
-            pose=self._samples(
-                own[has_place[own]], np.pad(self.place, ((0, 0), (0, 3)), constant_values=math.nan)
-            ),
-            tare=tare,
+            force=self._samples(own, self.wrench),
+            pose=self._samples(own, self.pose),
+            tare=None if data.is_tared else self._rest_window(weighed, pressed),
             contact_z_m=_mean(self.contact_z[own]),
             depth_m=_mean(self.depth[pressed]),
             place_m=None if x is None or y is None else (x, y),
@@ -411,17 +398,8 @@ def _read(source: source_files.Source, name: str) -> Record:
     """Return a record's arrays by name."""
     data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
     if name.endswith(NPZ):
-        return source_files.read_npz(data, source_files.array_names(data, name=name), name=name)
-    try:
-        found = source_files.read_npy(data, name=name)
-    except RecordError as error:
-        if "pickle" not in error.message:
-            raise
-        raise RecordError(
-            error.message,
-            remedy="if you trust who made it, save its arrays by name with numpy.savez: "
-            "docs/reference/file-formats.md has the lines",
-        ) from error
+        return source_files.read_npz(data, name=name)
+    found = source_files.read_npy(data, name=name)
     if found.dtype.names is None or found.size != 1:
         raise RecordError(
             f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",

@@ -5,7 +5,7 @@ Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame (``f0``), images o
 middle, ``touch_radius``: of its edge [px]). It states neither force nor depth, place, time or ball.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import partial
 
@@ -16,13 +16,13 @@ from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
     IMAGE_PIXELS,
     Source,
-    members,
+    archive,
     read_member,
     read_npz,
 )
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import encode_png
 
 _WANTED = ("f0", "imgs", "touch_center", "touch_radius")
@@ -41,6 +41,13 @@ _FOUND = (
     "The circles drawn into this set's images are about twice as wide as what the ball touches, so "
     "they are left out and contacts are found in the images."
 )
+
+
+_ARRAYS = (
+    "f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, touch_center "
+    "[n, 2] and touch_radius [n] lie within them [px]"
+)
+_inconsistent = partial(RecordError, remedy=_ARRAYS)
 
 
 class TaximSet(StrEnum):
@@ -77,9 +84,10 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     """
     packed, name = source.read(data.file, field="data.file", most_bytes=ARRAY_BYTES), data.file
     if name.endswith(".whl"):
-        member = _member(packed, data)
-        packed, name = read_member(packed, member, name=name), f"{name}: {member}"
-    found = read_npz(packed, _WANTED, name=name)
+        with archive(packed, name=name) as wheel:
+            member = _member(wheel.namelist(), data)
+            packed, name = read_member(wheel, member, name=name), f"{name}: {member}"
+    found = read_npz(packed, name=name, wanted=_WANTED)
     frame, images = found["f0"], found["imgs"]
     if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2:] != (3,):
         raise _inconsistent(f"{name}: f0 is {frame.shape} of {frame.dtype}")
@@ -103,9 +111,8 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     )
 
 
-def _member(wheel: bytes, data: TaximData) -> str:
-    """Return where in the wheel a set is."""
-    there = members(wheel, name=data.file)
+def _member(there: Sequence[str], data: TaximData) -> str:
+    """Return which of the wheel's members a set is."""
     known = {each: f"taxim/calib/{each}/dataPack.npz" for each in TaximSet}
     known = {each: member for each, member in known.items() if member in there}
     if data.set not in known:
@@ -124,10 +131,8 @@ def _circles(found: Mapping[str, AnyArray], name: str) -> list[tuple[float, floa
     count, height, width, _ = found["imgs"].shape
     if centres.shape != (count, 2) or radii.shape != (count,):
         raise _inconsistent(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
-    try:
+    with whole(name, "set of circles", remedy=_ARRAYS):
         circles = np.column_stack([centres, radii]).astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise _inconsistent(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
     inside = (circles >= 0.0) & (circles <= [width, height, width])
     for k in np.flatnonzero(~inside.all(axis=1) | ~(circles[:, 2] > 0.0)):
         raise _inconsistent(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
@@ -154,11 +159,3 @@ def _press(
 def _png(bgr: ImageArray) -> bytes:
     """Return an image as PNG; OpenCV, which read it for them, has blue first."""
     return encode_png(np.ascontiguousarray(bgr[..., ::-1]))
-
-
-def _inconsistent(what: str) -> RecordError:
-    return RecordError(
-        what,
-        remedy="f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, "
-        "touch_center [n, 2] and touch_radius [n] lie within them [px]",
-    )

@@ -11,16 +11,17 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal
 
 import numpy as np
 
-from tacauchy_rig.app.importing.source_files import TABLE_BYTES, Problems, Source, shown
+from tacauchy_rig.app.importing.source_files import TABLE_BYTES, Problems, Source, at_most, shown
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.config.field_ranges import Section
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import ConfigError, RecordError, whole
 from tacauchy_rig.core.quantities import UNITS, Dimension
 
 ROWS_MOST = 2_000_000
@@ -89,6 +90,7 @@ class Table:
     columns: Mapping[str, int]  # where each column stands in a row
     rows: Sequence[Sequence[str]]  # of text, all as long as the head
     places: Sequence[int | str]  # of each row, for messages: the line, or the record's name
+    separator: str = ","
     decimal: str | None = None  # sign of decimals; None: what each column shows
     # Takes what is wrong; reading goes on with unknown values
     problems: Problems = field(default_factory=Problems)
@@ -119,39 +121,41 @@ class Table:
         if column is None:
             return np.full(len(self.rows), np.nan)
         cells = self.text(column.column, field=field)
+
+        def known(values: FloatArray, wrong: BoolArray, what: str, remedy: str) -> FloatArray:
+            """Return NaN for values that are wrong; their cells are told unless they say so."""
+            told = [
+                f"{self.where(k, column.column)}: {cells[k][:40]!r} {what}"
+                for k in np.flatnonzero(wrong).tolist()
+                if cells[k].lower() not in UNKNOWN
+            ]
+            if told:
+                self.problems.add(shown(told), remedy=remedy)
+            return np.where(wrong, np.nan, values)
+
         if dimension is Dimension.TIME and (column.unit == ISO or "%" in column.unit):
-            return self._known(
-                column,
-                cells,
-                np.array([_instant(cell, column.unit) for cell in cells]),
-                "is no time of the stated form",
-                remedy=f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
-                '"%d.%m.%Y %H:%M:%S.%f"',
-            )
+            remedy = f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
+            remedy += '"%d.%m.%Y %H:%M:%S.%f"'
+            times = np.array([_instant(cell, column.unit) for cell in cells])
+            return known(times, np.isnan(times), "is no time of the stated form", remedy)
         factor = math.nan
         with self.problems.noting():
             factor = column.factor(dimension, field=field)
-        values = factor * self._plain(cells, column)
-        too_large = np.abs(values) > MOST.get(dimension, math.inf)
-        what, remedy = "more than any press of a gel has", f"correct the value, or {field}.unit"
-        self._tell(column, cells, too_large, what, remedy=remedy)
-        return np.where(too_large, np.nan, values)
+        remedy = "write plain numbers without a unit; leave the cell empty if nobody knows"
+        values = self._plain(cells, column)
+        what = f"is no finite number of {column.unit}"
+        values = factor * known(values, ~np.isfinite(values), what, remedy)
+        is_large = np.abs(values) > MOST.get(dimension, math.inf)
+        remedy = f"correct the value, or {field}.unit"
+        return known(values, is_large, "more than any press of a gel has", remedy)
 
     def _plain(self, cells: Sequence[str], column: Column) -> FloatArray:
-        """Return cells as numbers; those with decimal commas too."""
+        """Return cells as numbers, those with decimal commas too; NaN where one is none."""
         if self.decimal != "," and _POINT_ONLY.fullmatch("\x1f".join(cells)):
-            try:
+            with suppress(ValueError):
                 return np.array([cell or "nan" for cell in cells], dtype=np.float64)
-            except ValueError:
-                pass  # told below, with its line
         comma = self._has_commas(cells, column)
-        return self._known(
-            column,
-            cells,
-            np.array([_number(cell, comma=comma) for cell in cells]),
-            f"is no finite number of {column.unit}",
-            remedy="write plain numbers without a unit; leave the cell empty if nobody knows",
-        )
+        return np.array([_number(cell, comma=comma) for cell in cells])
 
     def _has_commas(self, cells: Sequence[str], column: Column) -> bool:
         """Return whether a column's decimals follow a comma."""
@@ -169,25 +173,6 @@ class Table:
                 remedy='state it: data.decimal = "," or "."',
             )
         return not with_point
-
-    def _known(
-        self, column: Column, cells: Sequence[str], values: FloatArray, what: str, *, remedy: str
-    ) -> FloatArray:
-        """Return finite values; cells that are none, and do not say that they are unknown, told."""
-        known = np.array([cell.lower() not in UNKNOWN for cell in cells], dtype=bool)
-        finite = np.isfinite(values)
-        self._tell(column, cells, known & ~finite, what, remedy=remedy)
-        return np.where(known & finite, values, np.nan)
-
-    def _tell(
-        self, column: Column, cells: Sequence[str], wrong: BoolArray, what: str, *, remedy: str
-    ) -> None:
-        lines = [
-            f"{self.where(k, column.column)}: {cells[k][:40]!r} {what}"
-            for k in np.flatnonzero(wrong).tolist()
-        ]
-        if lines:
-            self.problems.add(shown(lines), remedy=remedy)
 
 
 def _number(cell: str, *, comma: bool) -> float:
@@ -220,14 +205,10 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
         RecordError: It is no text, has no rows, or is too long.
     """
     dialect = dialect or Dialect()
-    text = decoded(source.read(name, field=field, most_bytes=TABLE_BYTES), name)
-    separator, text = separator_of(text, stated=dialect.separator)
-    try:
+    text = _decoded(source.read(name, field=field, most_bytes=TABLE_BYTES), name)
+    separator, text = _separator_of(text, stated=dialect.separator)
+    with whole(name, "table", remedy="look for a quotation mark that does not end"):
         (_, head), *found = _cells(text, separator) or [(0, [""])]
-    except csv.Error as error:
-        raise RecordError(
-            f"{name}: no table: {error}", remedy="look for a quotation mark that does not end"
-        ) from error
     head = [cell.strip() for cell in head]
     _check_size(name, head, len(found))
     rows, places, odd = [], [], []
@@ -248,6 +229,7 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
         columns={cell: k for k, cell in enumerate(head)},
         rows=rows,
         places=places,
+        separator=separator,
         decimal=dialect.decimal,
         problems=source.problems,
     )
@@ -256,12 +238,8 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
 def _check_size(name: str, head: Sequence[str], count: int) -> None:
     if not count or not any(head):
         raise RecordError(f"{name}: has no row below its head line", remedy="look at the file")
-    if count > ROWS_MOST or len(head) > COLUMNS_MOST:
-        raise RecordError(
-            f"{name}: {count} rows of {len(head)} columns; at most {ROWS_MOST} and "
-            f"{COLUMNS_MOST} are read",
-            remedy="split it",
-        )
+    at_most(ROWS_MOST, count, f"{name}: {count} rows")
+    at_most(COLUMNS_MOST, len(head), f"{name}: {len(head)} columns")
     twice = {cell for cell in head if cell and head.count(cell) > 1}
     if twice:
         raise RecordError(
@@ -270,7 +248,7 @@ def _check_size(name: str, head: Sequence[str], count: int) -> None:
         )
 
 
-def decoded(data: bytes, name: str) -> str:
+def _decoded(data: bytes, name: str) -> str:
     """Return a table's text, of UTF-8, UTF-16 with its mark, or a Western European code page.
 
     Raises:
@@ -290,7 +268,7 @@ def decoded(data: bytes, name: str) -> str:
     )
 
 
-def separator_of(text: str, *, stated: str | None) -> tuple[str, str]:
+def _separator_of(text: str, *, stated: str | None) -> tuple[str, str]:
     """Return the separator of a table's cells, and its text without a line that states it.
 
     It is the first sign that parts all lines alike; blanks, where no sign does.

@@ -16,7 +16,7 @@ from pydantic import Field
 from scipy.signal import correlate, correlation_lags, lfilter
 
 from tacauchy_rig.app.importing import press_detection as detection
-from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, LARGE_BYTES, MIB, Source, at_most
 from tacauchy_rig.app.importing.table_rows import (
     POSE,
     WRENCH,
@@ -27,7 +27,7 @@ from tacauchy_rig.app.importing.table_rows import (
 from tacauchy_rig.app.importing.text_tables import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.config.field_ranges import Frequency
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, whole
 from tacauchy_rig.core.image_codec import encode_png
 from tacauchy_rig.core.run import FZ, CameraClock
 from tacauchy_rig.core.versions import library
@@ -423,10 +423,9 @@ def _samples(
 def _video_frames(path: Path, name: str) -> Frames:
     """Yield frames that are neither too large nor too many; raises as ``png_frames``."""
     for number, (time_s, frame) in enumerate(_decoded(path, name)):
-        if number >= FRAMES_MOST:
-            raise RecordError(f"{name}: more than {FRAMES_MOST} frames", remedy="cut it into parts")
-        if frame.shape[0] * frame.shape[1] > IMAGE_PIXELS:
-            raise RecordError(f"{name}: frames of {frame.shape}", remedy="scale it down")
+        at_most(FRAMES_MOST, number + 1, f"{name}: {number + 1} frames or more")
+        pixels = frame.shape[0] * frame.shape[1]
+        at_most(IMAGE_PIXELS, pixels, f"{name}: frames of {pixels} px", remedy="scale it down")
         yield time_s, frame
 
 
@@ -449,15 +448,10 @@ def _decoded(path: Path, name: str) -> Frames:
 
 def _decoded_by_av(path: Path, name: str) -> Frames:
     av = library("av", extra="lerobot")
-    try:
-        with av.open(str(path)) as file:
-            for frame in file.decode(video=0):
-                image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                yield float(frame.time or 0.0), image
-    except av.FFmpegError as error:
-        raise RecordError(
-            f"{name}: no whole video: {str(error)[:200]}", remedy="copy it anew from its source"
-        ) from error
+    with whole(name, "video"), av.open(str(path)) as file:
+        for frame in file.decode(video=0):
+            image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+            yield float(frame.time or 0.0), image
 
 
 def _seen(path: Path, data: VideoData) -> tuple[Signal, bool, list[str]]:
@@ -519,8 +513,7 @@ def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[detecti
         if number in stamps:
             png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
             size += len(png)
-            if size > KEPT_BYTES:
-                raise RecordError(f"{name}: too many frames at rest", remedy="cut it into parts")
+            at_most(KEPT_BYTES, size, f"{name}: {size} bytes of frames at rest and held or more")
             title, read = f"{name} frame {number}", partial(bytes, png)
             found.append(detection.Frame(stamp_ns=stamps[number], name=title, read=read))
     return found

@@ -4,8 +4,7 @@ A convention is no defeat: no simulator is wrong by a factor of a thousand in ea
 where all others press. Such outputs are refused by the key that declares their sign or unit.
 """
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from tacauchy_rig.app.importing.image_conversion import exchanged_channels, opened
-from tacauchy_rig.app.importing.plausibility import UNLIKE, force_unit_meant, length_unit_meant
+from tacauchy_rig.app.importing.plausibility import UNLIKE, unit_meant
 from tacauchy_rig.app.importing.source_files import (
     ARRAY_BYTES,
     IMAGE_BYTES,
-    Problems,
     Source,
-    array_names,
     read_npy,
     read_npz,
 )
@@ -86,36 +83,38 @@ def _read(source: Source, asked: Asked) -> Outputs:
         presses[trial] = PressOutput(force_n=force, depth_m=depth, **shown)
     _check_all_or_none(presses)
     _check_colours(presses, asked, about)
-    check_conventions(presses, asked.measured, asked.pixel_m2, source.problems)
+    for error in odd_conventions(presses, asked):
+        source.problems.note(error)
     source.problems.refuse()
     return Outputs(
         simulator=about.simulator, presses=presses, left_out=tuple(sorted(about.left_out))
     )
 
 
-def _number(name: str) -> int:
-    """Return the trial that a name is the number of; -1 where it is none."""
-    return int(name[:9]) if name.isascii() and name.isdecimal() else -1
+def _is_number(name: str) -> bool:
+    return name.isascii() and name.isdecimal()
+
+
+def _trial(
+    name: str, where: str, asked: Asked, about: Description, found: Mapping[int, Any]
+) -> int:
+    """Return the trial that a name is the number of. RecordError: It is not wanted, or found."""
+    trial = int(name[:9]) if _is_number(name) else -1
+    if trial not in asked.trials or trial in found or trial in about.left_out:
+        raise RecordError(
+            f'{where}: press "{name[:40]}" is none of the run, stands twice, or is listed as '
+            f"left_out in {DESCRIPTION}",
+            remedy=f"number presses {asked.trials[0]} to {asked.trials[-1]}, each once",
+        )
+    return trial
 
 
 def _folders(source: Source, asked: Asked, about: Description) -> dict[int, str]:
     """Return the folders of presses by trial; files and other folders are no business of ours."""
     found: dict[int, str] = {}
     for path in sorted(source.root.iterdir()):
-        if (trial := _number(path.name)) < 0:
-            continue
-        if trial in found or trial not in asked.trials or not path.is_dir():
-            raise RecordError(
-                f"{path.name}: the run has no such press, or has it already"
-                f" (presses {asked.trials[0]} to {asked.trials[-1]})",
-                remedy="one folder a press, named by its number: 01, 02, ...",
-            )
-        if trial in about.left_out:
-            raise RecordError(
-                f"{path.name}: {DESCRIPTION} lists this press as left out",
-                remedy="take its number off left_out, or its folder away",
-            )
-        found[trial] = path.name
+        if path.is_dir() and _is_number(path.name):
+            found[_trial(path.name, path.name, asked, about, found)] = path.name
     return found
 
 
@@ -139,14 +138,7 @@ def _forces(source: Source, asked: Asked, about: Description) -> dict[int, Measu
     source.problems.refuse()
     found: dict[int, Measured] = {}
     for row, (name, force, depth) in enumerate(zip(names, *values, strict=True)):
-        trial = _number(name)
-        if trial not in asked.trials or trial in found or trial in about.left_out:
-            raise RecordError(
-                f'{table.where(row)}: press "{name[:40]}" is none of the run, stands twice, or '
-                "was left out",
-                remedy=f"one line a press, {asked.trials[0]} to {asked.trials[-1]}",
-            )
-        found[trial] = (force, depth)
+        found[_trial(name, table.where(row), asked, about, found)] = force, depth
     return found
 
 
@@ -208,13 +200,12 @@ def _image(source: Source, name: str, asked: Asked, about: Description) -> Image
 def _fields(source: Source, name: str, asked: Asked) -> dict[str, FloatArray]:
     """Return the arrays of an archive, which may hold those that are judged and no others."""
     data = source.read(name, field="an archive", most_bytes=ARRAY_BYTES)
-    there = sorted(array_names(data, name=name))
-    if not there or not set(there) <= {PRESSURE, *SHEAR}:
+    arrays = read_npz(data, name=name)
+    if not arrays or not arrays.keys() <= {PRESSURE, *SHEAR}:
         raise RecordError(
-            f"{name}: holds {', '.join(there)[:200] or 'nothing'}",
+            f"{name}: holds {', '.join(sorted(arrays))[:200] or 'nothing'}",
             remedy=f"what is judged: {', '.join((PRESSURE, *SHEAR))}",
         )
-    arrays = read_npz(data, there, name=name)
     return {key: _pixels(each, asked, where=f"{name}, {key}") for key, each in arrays.items()}
 
 
@@ -279,109 +270,55 @@ def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Desc
         )
 
 
-SHALLOW, DEEP = 0.01, 10.0
-"""Times the measured depth that no surface is pressed in."""
+UNITS_APART = 10.0**1.5
+"""Half way from a unit to the next."""
+_LIKELY = (1.0 / UNLIKE, UNLIKE)
+_CONVENTIONS = {
+    "force": ("N", "forces are positive in compression", _LIKELY),
+    "depth": ("m", "depths are positive in compression", _LIKELY),
+    "height": ("m into the gel", "heights are negative where the gel is pressed in", (0.01, 10.0)),
+    PRESSURE: ("N over the image", "pressure is positive in compression", _LIKELY),
+}
+"""Of each output the unit that it is compared in, its sign, and what ratios are possible."""
 
 
-def check_conventions(
-    presses: Mapping[int, PressOutput],
-    measured: Mapping[int, tuple[float | None, float | None]],
-    pixel_m2: float,
-    problems: Problems,
-) -> None:
-    """Note outputs whose sign or unit is wrong in all presses.
-
-    Args:
-        measured: Force [N] and depth [m] by press.
-        pixel_m2: Area of the gel that a pixel of the scored image sees [m^2]; 0 is not known.
-    """
-    outputs = list(presses.values())
-    known = np.array([measured.get(trial, (None, None)) for trial in presses], dtype=np.float64)
-    # What is not known, or zero, is compared with nothing.
-    forces, depths = np.where(known == 0.0, np.nan, known).reshape(-1, 2).T
-    for what, unit, ours, theirs in (
-        ("force", "N", _numbers(each.force_n for each in outputs), forces),
-        ("depth", "m", _numbers(each.depth_m for each in outputs), depths),
+def odd_conventions(presses: Mapping[int, PressOutput], asked: Asked) -> Iterator[RecordError]:
+    """Yield what has another sign or unit than is stated, in all presses."""
+    outputs = presses.values()
+    known = [asked.measured.get(trial, (None, None)) for trial in presses]
+    forces_n, depths_m = np.array(known, dtype=np.float64).reshape(-1, 2).T
+    dents_m = [None if each.height_m is None else _dent_m(each.height_m) for each in outputs]
+    pressures_pa = [None if (p := each.pressure_pa) is None else p.sum() for each in outputs]
+    for what, ours, theirs in (
+        ("force", _numbers(each.force_n for each in outputs), forces_n),
+        ("depth", _numbers(each.depth_m for each in outputs), depths_m),
+        ("height", _numbers(dents_m), depths_m),
+        (PRESSURE, _numbers(pressures_pa) * asked.pixel_m2, forces_n),
     ):
-        ratios = _known(ours / theirs)
-        if (ratios < 0.0).all() and len(ratios):
-            problems.add(
-                f"{FORCES}: all {len(ratios)} {what}s are negative, such as "
-                f"{_known(ours)[0]:.4g} {unit}, where the measured are positive",
-                remedy=f"{what}s are positive in compression: write signs.{what} = -1 into "
-                f"{DESCRIPTION}",
+        unit, rule, (least, most) = _CONVENTIONS[what]
+        told = ours[~np.isnan(ours)]
+        if len(told) and (told < 0.0).all():
+            yield RecordError(
+                f"{what} has the other sign in all {len(told)} presses, such as {told[0]:.4g} "
+                f"{unit}",
+                remedy=f"{rule}: write signs.{what} = -1 into {DESCRIPTION}",
             )
-        _check_size(f"{FORCES}: {what}s are {{}} times the measured ones", ratios, what, problems)
-    _check_heights(outputs, depths, problems)
-    if pixel_m2 > 0.0:
-        sums = _numbers(
-            None if each.pressure_pa is None else float(each.pressure_pa.sum()) * pixel_m2
-            for each in outputs
-        )
-        ratios = _known(np.where(sums == 0.0, np.nan, sums) / forces)
-        if (ratios < 0.0).all() and len(ratios):
-            problems.add(
-                "pressures add up to a negative force in all presses",
-                remedy="pressure is positive in compression: write signs.pressure = -1 into "
-                f"{DESCRIPTION}",
+        ratios = np.abs(ours / np.where(theirs == 0.0, np.nan, theirs))
+        ratios = ratios[ratios > 0.0]  # what is zero or not known is compared with nothing
+        times = float(np.median(ratios)) if len(ratios) else 1.0
+        if not least < times < most:
+            yield RecordError(
+                f"{what} is {times:.3g} times what was measured (median of {len(ratios)} presses)",
+                remedy=f"correct units.{what} of {DESCRIPTION}"
+                f"{unit_meant(DIMENSIONS[what], times, UNITS_APART)}",
             )
-        told = "pressures add up to {} times the measured forces"
-        _check_size(told, ratios, "pressure", problems)
 
 
 def _numbers(values: Iterable[float | None]) -> FloatArray:
     return np.array(list(values), dtype=np.float64)
 
 
-def _known(values: FloatArray) -> FloatArray:
-    return values[~np.isnan(values)]
-
-
-def _check_size(
-    told: str,
-    ratios: FloatArray,
-    what: str,
-    problems: Problems,
-    *,
-    low: float = 1.0 / UNLIKE,
-    high: float = UNLIKE,
-) -> None:
-    """Note what is in the median so many times too large or small that its unit is another."""
-    middle = float(np.median(np.abs(ratios))) if len(ratios) else math.nan
-    if low < middle < high or math.isnan(middle):
-        return
-    near = 10.0**1.5  # half way to the next unit
-    lengths = length_unit_meant(middle, 1.0 / near, near)
-    meant = force_unit_meant(middle) if what == "force" else lengths
-    problems.add(
-        f"{told.format(f'{middle:.3g}')} (median of {len(ratios)} presses)",
-        remedy=f"correct units.{what} of {DESCRIPTION}"
-        + (": Pa, kPa or MPa" if what == "pressure" else meant),
-    )
-
-
-def _check_heights(outputs: list[PressOutput], depths: FloatArray, problems: Problems) -> None:
-    """Note surfaces that rise where they are pressed, and that are as deep as no press is."""
-    ends = [
-        (None, None) if p.height_m is None else (-p.height_m.min(), p.height_m.max())
-        for p in outputs
-    ]
-    deepest, highest = np.array(ends, dtype=np.float64).reshape(-1, 2).T
-    rises = highest > 3.0 * np.maximum(deepest, 0.0)
-    if rises.any() and rises.sum() == len(_known(highest)):
-        problems.add(
-            f"heights rise by up to {1e3 * np.nanmax(highest):.4g} mm, and fall by "
-            "less than a third of that, in all presses",
-            remedy="heights are negative where the gel is pressed in: write signs.height = -1 into "
-            f"{DESCRIPTION}",
-        )
-        deepest = highest
-    ratios = _known(deepest / depths)
-    _check_size(
-        "surfaces are pressed in {} times as deep as was measured",
-        ratios[ratios > 0.0],
-        "height",
-        problems,
-        low=SHALLOW,
-        high=DEEP,
-    )
+def _dent_m(height_m: FloatArray) -> float:
+    """Return how deep a surface is pressed in; less than zero of one that rather rises."""
+    deepest, highest = -float(height_m.min()), float(height_m.max())
+    return -highest if highest > 3.0 * max(deepest, 0.0) else deepest

@@ -29,7 +29,7 @@ from tacauchy_rig.app.importing.text_tables import FORMATS, Column, as_csv, as_t
 from tacauchy_rig.app.replay.chosen_optics import Calibrate, optics_of
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of, parts_of, sensor_of
-from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import parse_toml, read_section
 from tacauchy_rig.core.errors import ConfigError, RecordError
@@ -53,7 +53,8 @@ from tacauchy_rig.core.versions import machine
 DESCRIPTION = "simulator.toml"
 FORCES = "forces.csv"
 IMAGE, HEIGHT, FIELDS = "image.png", "height.npy", "fields.npz"
-PRESSURE, SHEAR = "pressure", ("shear_x", "shear_y")
+PRESSURE: Literal["pressure"] = "pressure"
+SHEAR = ("shear_x", "shear_y")
 DIMENSIONS = {
     "force": Dimension.FORCE,
     "depth": Dimension.LENGTH,
@@ -62,22 +63,7 @@ DIMENSIONS = {
 }
 
 
-class Signs(Section):
-    """``[signs]``: -1 where numbers count the other way."""
-
-    force: Literal[1, -1] = 1
-    depth: Literal[1, -1] = 1
-    height: Literal[1, -1] = 1
-    pressure: Literal[1, -1] = 1
-
-
-class Units(Section):
-    """``[units]``: of what stands in files without one; that of pressure is of shear, too."""
-
-    force: str | None = None
-    depth: str | None = None
-    height: str | None = None
-    pressure: str | None = None
+Quantity = Literal["force", "depth", "height", "pressure"]
 
 
 class Description(Section):
@@ -92,31 +78,32 @@ class Description(Section):
     driven_by: Driven | None = None
     left_out: tuple[int, ...] = ()
     note: str = Field(default="", max_length=600)
-    units: Units = Units()
-    signs: Signs = Signs()
+    # Of what stands in files without a unit; that of pressure is of shear, too
+    units: dict[Quantity, str] = Field(default_factory=dict)
+    signs: dict[Quantity, Literal[1, -1]] = Field(default_factory=dict)  # -1: the other way
 
     @property
     def simulator(self) -> Simulator:
         """The simulator that it describes."""
         return Simulator(**{each.name: getattr(self, each.name) for each in fields(Simulator)})
 
-    def column(self, name: str, *, file: str) -> Column:
+    def column(self, name: Quantity, *, file: str) -> Column:
         """Return a column of a name of ``DIMENSIONS`` with its unit and sign.
 
         Raises:
             ConfigError: The unit is not stated, or is of something else.
         """
-        unit, dimension = getattr(self.units, name), DIMENSIONS[name]
+        unit, dimension = self.units.get(name), DIMENSIONS[name]
         if unit is None:
             raise ConfigError(
                 f"{DESCRIPTION}: units.{name} is not stated, and {file} has numbers of it",
                 remedy=f"write {name} under [units]: one of {', '.join(UNITS[dimension])}",
             )
-        column = Column(column=name, unit=unit, sign=getattr(self.signs, name))
+        column = Column(column=name, unit=unit, sign=self.signs.get(name, 1))
         column.factor(dimension, field=f"{DESCRIPTION}: units.{name}")
         return column
 
-    def factor(self, name: str, *, file: str) -> float:
+    def factor(self, name: Quantity, *, file: str) -> float:
         """Return what numbers of a file are multiplied by to be SI; raises as ``column``."""
         return self.column(name, file=file).factor(DIMENSIONS[name], field=DESCRIPTION)
 
@@ -154,9 +141,9 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
         "colour_order": ColourOrder.RGB.value,
         "left_out": list(outputs.left_out),
     }
-    known = {key: value for key, value in about.items() if value is not None}
+    stated = {key: value for key, value in about.items() if value is not None}
     units = {"force": "N", "depth": "m", "height": "m", PRESSURE: "Pa"}
-    write_atomically(folder / DESCRIPTION, f"{as_toml(known)}\n[units]\n{as_toml(units)}".encode())
+    write_atomically(folder / DESCRIPTION, f"{as_toml(stated)}\n[units]\n{as_toml(units)}".encode())
     pairs = [(trial, press.force_n, press.depth_m) for trial, press in outputs.presses.items()]
     if rows := [row for row in pairs if row[1:] != (None, None)]:
         write_atomically(folder / FORCES, as_csv([("press", "force", "depth"), *rows]))
@@ -166,14 +153,11 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
             write_atomically(place / IMAGE, encode_png(press.image))
         if press.height_m is not None:
             write_atomically(place / HEIGHT, pack_array(press.height_m.astype(np.float32)))
-        arrays: dict[str, AnyArray] = {}
-        if press.pressure_pa is not None:
-            arrays[PRESSURE] = press.pressure_pa
-        if press.shear_pa is not None:
-            arrays |= dict(zip(SHEAR, np.moveaxis(press.shear_pa, -1, 0), strict=True))
-        if arrays:
-            single = {name: array.astype(np.float32) for name, array in arrays.items()}
-            write_atomically(place / FIELDS, pack_arrays(single))
+        shear = () if press.shear_pa is None else np.moveaxis(press.shear_pa, -1, 0)
+        maps = {PRESSURE: press.pressure_pa, **dict(zip(SHEAR, shear, strict=False))}
+        known = {name: each.astype(np.float32) for name, each in maps.items() if each is not None}
+        if known:
+            write_atomically(place / FIELDS, pack_arrays(known))
 
 
 OURS = "tacauchy_rig"

@@ -7,13 +7,12 @@ import os
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
 
 from tacauchy_rig.app.sweep.shards import Made, Shard
 from tacauchy_rig.core.errors import ConfigError, RigError
@@ -24,6 +23,27 @@ Work = Callable[[Shard, str], Made]
 """Returns a shard's file, computed on a device."""
 Engine = Callable[[Work, Sequence[Shard]], Iterator[tuple[Shard, Made]]]
 """Computes shards, and yields each with its file as soon as it is there."""
+
+
+def _computed(
+    pools: Iterable[tuple[Executor, str]], work: Work, shards: Sequence[Shard]
+) -> Iterator[tuple[Shard, Made]]:
+    """Yield shards as they are done; every pool computes one at a time, on its device."""
+    left = deque(shards)
+    running: dict[Future[Made], tuple[Shard, Executor, str]] = {}
+
+    def begin(pool: Executor, device: str) -> None:
+        if left:
+            shard = left.popleft()
+            running[pool.submit(work, shard, device)] = shard, pool, device
+
+    for pool, device in pools:
+        begin(pool, device)
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            shard, pool, device = running.pop(future)
+            begin(pool, device)
+            yield shard, future.result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,22 +57,10 @@ class Processes:
         if len(self.devices) == 1 or len(shards) == 1:
             yield from ((shard, work(shard, self.devices[0])) for shard in shards)
             return
-        left = deque(shards)
-        running: dict[Future[Made], tuple[Shard, ProcessPoolExecutor, str]] = {}
-        with ExitStack() as open_pools:
-
-            def begin(pool: ProcessPoolExecutor, device: str) -> None:
-                if left:
-                    shard = left.popleft()
-                    running[pool.submit(work, shard, device)] = shard, pool, device
-
-            for device in self.devices[: len(shards)]:
-                begin(open_pools.enter_context(worker_process()), device)
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    shard, pool, device = running.pop(future)
-                    begin(pool, device)
-                    yield shard, future.result()
+        with ExitStack() as opened:
+            devices = self.devices[: len(shards)]
+            pools = [(opened.enter_context(worker_process()), device) for device in devices]
+            yield from _computed(pools, work, shards)
 
 
 # How often a shard is tried again whose worker died, how long Dask's scheduler may be away [s], and
@@ -76,14 +84,15 @@ class Dask:
             ConfigError: Dask is not installed, or no scheduler answers for five minutes.
         """
         distributed = library("distributed", extra="sweep")
-        lost = (OSError, TimeoutError, distributed.CancelledError)
+        lost = (OSError, TimeoutError, CancelledError, distributed.CancelledError)
         left, since = {shard.name: shard for shard in shards}, time.monotonic()
         while left:
             try:
                 with distributed.Client(self.address, timeout=10) as client:
-                    for name, made in _gathered(distributed, client, work, list(left.values())):
+                    workers = [(client.get_executor(retries=_RETRIES), "cpu")] * _AHEAD
+                    for shard, made in _computed(workers, work, list(left.values())):
                         since = time.monotonic()
-                        yield left.pop(name), made
+                        yield left.pop(shard.name), made
             except lost as error:
                 if time.monotonic() - since > _AWAY_S:
                     raise ConfigError(
@@ -92,26 +101,6 @@ class Dask:
                         "what is computed stays",
                     ) from error
                 time.sleep(1.0)
-
-
-def _gathered(
-    distributed: Any, client: Any, work: Work, shards: list[Shard]
-) -> Iterator[tuple[str, Made]]:
-    """Yield names and files; fails where the scheduler is gone."""
-    waiting = deque(shards)
-
-    def submitted() -> Any:
-        shard = waiting.popleft()
-        return client.submit(work, shard, "cpu", key=shard.name, retries=_RETRIES)
-
-    first = [submitted() for _ in range(min(_AHEAD, len(waiting)))]
-    for future in (running := distributed.as_completed(first)):
-        if future.status == "cancelled" or client.status != "running":
-            raise distributed.CancelledError(future.key)
-        yield future.key, future.result()
-        future.release()
-        if waiting:
-            running.add(submitted())
 
 
 _HEARTBEAT_S, _STALE_S = 5.0, 60.0

@@ -8,8 +8,9 @@ from typing import Any
 
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.plan import Plan, made_with
-from tacauchy_rig.app.sweep.shards import LARGE, SHARDS, checksums
+from tacauchy_rig.app.sweep.shards import LARGE, SHARDS
 from tacauchy_rig.core.store.atomic_write import write_atomically
+from tacauchy_rig.core.store.run_files import file_sha256
 from tacauchy_rig.core.versions import library
 
 _CROISSANT = "http://mlcommons.org/croissant/1.1"
@@ -26,8 +27,8 @@ def write_datasheet(folder: Path, plan: Plan, table: Any) -> None:
         ConfigError: mlcroissant or rocrate is not installed.
     """
     write_atomically(folder / PLAN, plan.model_dump_json(indent=2).encode())
-    shards = sorted({folder / name for name in table["shard"].to_pylist()})
-    sums = checksums(folder, [folder / PLAN, folder / INDEX, *shards])
+    names = (PLAN, INDEX, *sorted(set(table["shard"].to_pylist())))
+    sums = {name: file_sha256(folder / name, what="a file of the data set") for name in names}
     lines = "".join(f"{digest}  {name}\n" for name, digest in sums.items())
     write_atomically(folder / SUMS, lines.encode())
     facts = _facts(plan, table)

@@ -76,11 +76,15 @@ _NOUGHT, _ONE = Spread(choices=(0.0,)), Spread(choices=(1.0,))
 
 def _spread(dimension: Dimension | None) -> BeforeValidator:
     def one(value: Any) -> Any:
-        if dimension is not None:
-            return _number(value, dimension)
-        if not isinstance(value, str):
-            raise ValueError("is no text; write it in quotes")
-        return value
+        if dimension is None:
+            if not isinstance(value, str):
+                raise ValueError("is no text; write it in quotes")
+            return value
+        try:
+            return parse_quantity(str(value), dimension=dimension)
+        except ConfigError as error:
+            told = error.message.removeprefix("value: ")
+            raise ValueError(f"{told}; {error.remedy}") from error
 
     def read(value: Any) -> Spread:
         if isinstance(value, Spread):
@@ -102,13 +106,6 @@ def _spread(dimension: Dimension | None) -> BeforeValidator:
         return Spread(choices=tuple(np.linspace(*ends, steps).tolist()), between=ends)
 
     return BeforeValidator(read)
-
-
-def _number(value: Any, dimension: Dimension) -> float:
-    try:
-        return parse_quantity(str(value), dimension=dimension)
-    except ConfigError as error:
-        raise ValueError(f"{error.message.removeprefix('value: ')}; {error.remedy}") from error
 
 
 Texts = Annotated[Spread, _spread(None)]

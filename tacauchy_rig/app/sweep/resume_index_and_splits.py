@@ -8,7 +8,7 @@ from typing import Any
 from tacauchy_rig.app.sweep.engine_names import INDEX
 from tacauchy_rig.app.sweep.plan import Row
 from tacauchy_rig.app.sweep.shards import LARGE, SHARDS, parquet, shown
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import whole
 from tacauchy_rig.core.store.atomic_write import write_atomically
 
 # Of places and of objects that tests are to be of; and the size of a place [m].
@@ -23,13 +23,9 @@ def done_rows(folder: Path) -> dict[str, tuple[str, int]]:
     """
     found: dict[str, tuple[str, int]] = {}
     for file in sorted((folder / SHARDS).glob("*.parquet")):
-        try:
+        remedy = "delete this file; the sweep computes it again"
+        with whole(str(file), "shard of a sweep", remedy=remedy):
             names = parquet().parquet.read_table(file, columns=["hash"])["hash"].to_pylist()
-        except (OSError, KeyError, ValueError) as error:
-            raise RecordError(
-                f"{file}: is no shard of a sweep: {error}",
-                remedy="delete this file; the sweep computes it again",
-            ) from error
         found |= {name: (file.name, place) for place, name in enumerate(names)}
     return found
 
@@ -42,10 +38,11 @@ def write_index(folder: Path, rows: Mapping[str, Row]) -> Any:
     every = pa.concat_tables(scalars)
     place = {name: number for number, name in enumerate(every["hash"].to_pylist())}
     table = every.take([place[name] for name in rows])
+    places = [f"{row.x_m // _PLACE_M:g},{row.y_m // _PLACE_M:g}" for row in rows.values()]
     further = {
         "shard": [f"{SHARDS}/{at[name][0]}" for name in rows],
         "offset": [at[name][1] for name in rows],
-        "split_place": splits(map(_place, rows.values())),
+        "split_place": splits(places),
         "split_object": splits(shown(r.object) for r in rows.values()),
     }
     for name, values in further.items():
@@ -54,10 +51,6 @@ def write_index(folder: Path, rows: Mapping[str, Row]) -> Any:
     pa.parquet.write_table(table, sink, compression="zstd")
     write_atomically(folder / INDEX, bytes(sink.getvalue()))
     return table
-
-
-def _place(row: Row) -> str:
-    return f"{row.x_m // _PLACE_M:g},{row.y_m // _PLACE_M:g}"
 
 
 def _scalars(file: Path) -> Any:

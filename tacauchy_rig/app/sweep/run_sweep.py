@@ -10,9 +10,9 @@ import numpy as np
 
 from tacauchy_rig.app.sweep.engines import Engine
 from tacauchy_rig.app.sweep.metadata import write_datasheet
-from tacauchy_rig.app.sweep.plan import Plan, Row, sensor_of
+from tacauchy_rig.app.sweep.plan import Plan, Row, row_hash, sensor_of
 from tacauchy_rig.app.sweep.resume_index_and_splits import done_rows, write_index
-from tacauchy_rig.app.sweep.shards import SHARDS, hashed, make_shard, parquet, shards_of
+from tacauchy_rig.app.sweep.shards import SHARDS, make_shard, parquet, shards_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import data_url, decode_rgb, encode_jpeg
 from tacauchy_rig.core.markdown_page import environment_of
@@ -111,16 +111,8 @@ _PRESS_S, _EDGE_M, _MOVING, _TRIANGLES, _REPEATED = 1.0, 1.25e-3, 3.0, 3.0, 1.6
 _BYTES_PER_PIXEL, _NOISE_BYTES = 2.0, 5.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """What rows are expected to take."""
-
-    processor_s: float  # on one core [s]
-    size_bytes: float  # on the disk
-
-
-def estimate(plan: Plan, rows: Sequence[Row]) -> Estimate:
-    """Estimate what presses take, by others that were measured."""
+def estimate(plan: Plan, rows: Sequence[Row]) -> tuple[float, float]:
+    """Return what presses take, by others that were measured: time of one core [s], and bytes."""
     each_s = _PRESS_S * (_EDGE_M / plan.simulation.edge) ** 2
     each_s *= _REPEATED if plan.simulation.tolerance < 1.0 else 1.0
     seconds = size = 0.0
@@ -129,7 +121,7 @@ def estimate(plan: Plan, rows: Sequence[Row]) -> Estimate:
         is_mesh = row.indenter.startswith(("mesh:", "object:"))
         seconds += each_s * (_MOVING if moves else 1.0) * (_TRIANGLES if is_mesh else 1.0)
         size += camera.width * camera.height * (_NOISE_BYTES if row.noise else _BYTES_PER_PIXEL)
-    return Estimate(processor_s=seconds, size_bytes=size)
+    return seconds, size
 
 
 def sweep(
@@ -153,11 +145,11 @@ def sweep(
     for name in ("pyarrow", "mlcroissant", "rocrate"):
         library(name, extra="sweep")
     with doing("hashing presses"):
-        named = hashed(plan, rows)
+        named = {row_hash(row, plan.simulation): row for row in rows}
         done = done_rows(out)
     left = list(shards_of(plan, named, set(done)))
     missing = [row for shard in left for row in shard.rows]
-    _check_space(out, estimate(plan, missing))
+    _check_space(out, estimate(plan, missing)[1])
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
     took_s, peaks_bytes, elapsed_s = dict[str, float](), list[float](), 0.0
     on_progress("presses are done", count, len(rows), "")
@@ -187,13 +179,13 @@ def sweep(
     return swept
 
 
-def _check_space(out: Path, needed: Estimate) -> None:
+def _check_space(out: Path, needed_bytes: float) -> None:
     try:
         free = free_bytes(out)
     except OSError as error:
         raise ConfigError(f"--out {out}: {error.strerror}", remedy="name another folder") from error
-    if free < needed.size_bytes:
+    if free < needed_bytes:
         raise RecordError(
-            f"{out}: {free / 1e6:.1f} MB free; the presses need {needed.size_bytes / 1e6:.1f} MB",
+            f"{out}: {free / 1e6:.1f} MB free; the presses need {needed_bytes / 1e6:.1f} MB",
             remedy="free some space, give --out another disk, or press fewer with --limit",
         )

@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +33,6 @@ from tacauchy_rig.app.sweep.plan import (
     drawn_with,
     indenter_of,
     made_with,
-    row_hash,
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
@@ -79,11 +77,6 @@ def shards_of(plan: Plan, rows: Mapping[str, Row], done: set[str]) -> Iterator[S
             hashes, members = zip(*block[first : first + size], strict=True)
             name = hashlib.sha256("".join(hashes).encode()).hexdigest()[:32]
             yield Shard(name=name, rows=members, hashes=hashes, simulation=plan.simulation)
-
-
-def hashed(plan: Plan, rows: Sequence[Row]) -> dict[str, Row]:
-    """Return rows by their hashes."""
-    return {row_hash(row, plan.simulation): row for row in rows}
 
 
 def compute_shard(
@@ -336,12 +329,3 @@ def _photograph(frame: ImageArray, row: Row, seed: str) -> bytes:
         number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")
         levels = levels + row.noise * np.random.default_rng(number).standard_normal(frame.shape)
     return encode_png(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
-
-
-def checksums(folder: Path, files: Sequence[Path]) -> dict[str, str]:
-    """Return the SHA-256 of files, by their paths in a folder."""
-    sums = {}
-    for file in files:
-        with file.open("rb") as content:
-            sums[str(file.relative_to(folder))] = hashlib.file_digest(content, "sha256").hexdigest()
-    return sums

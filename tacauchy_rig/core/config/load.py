@@ -131,7 +131,8 @@ def _line(problem: Any, tables: Mapping[str, Any], model: type[BaseModel]) -> st
 
 
 def _name(location: Place) -> str:
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    named = (part for part in location if part != "[key]")  # pydantic's, of a key that is wrong
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in named)
     return "".join(parts).removeprefix(".") or "the file"
 
 

@@ -194,15 +194,15 @@ RECORD_CASES: dict[str, Harm] = {
 LEROBOT_CASES: dict[str, Harm] = {
     "a dataset of version 2": (_info("v3.0", "v2.1"), "'v2.1'"),
     "a dataset whose info is no JSON": (_bytes("meta/info.json", b"{" * 5000), "meta/info.json"),
-    "a dataset without that force": (_toml("observation.wrench", "force"), "'force'"),
+    "a dataset without that force": (_toml("observation.wrench", "force"), "column force"),
     "a dataset without that episode": (_toml("[data]", "[data]\nepisodes = [7]"), "not 7"),
     "a force of words": (
         _parquet(DATA, _with("observation.wrench", ["a"] * 6)),
-        "observation.wrench: no numbers",
+        "observation.wrench: no",
     ),
     "a force that is not known": (
         _parquet(DATA, _with("observation.wrench", [float("nan")] * 6)),
-        "no finite numbers",
+        "samples of force",
     ),
     "times that stand still": (_parquet(DATA, _with("timestamp", 1.0)), "do not ascend"),
     "a column less": (_parquet(DATA, _without("timestamp")), "no column timestamp"),

@@ -121,7 +121,7 @@ def chunk(said: int, packing: bytes, packed: bytes) -> bytes:
         (chunk(100, b"lz4", lz4.frame.compress(VAST)), "100 bytes and goes on"),
         (chunk(100, b"zstd", zstd.compress(VAST)), "100 bytes and goes on"),
         (struct.pack("<BQ", 5, 2**60), f"length {2**60} that exceeds limit"),
-        (struct.pack("<BQ", 6, 3) + b"abc", "no MCAP file that is read"),
+        (struct.pack("<BQ", 6, 3) + b"abc", "no whole MCAP file"),
     ],
 )
 def test_what_is_too_much_is_refused(record: bytes, told: str, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_without_its_extra_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reader of Parquet is no part of a plain installation."""
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(ConfigError, match="pyarrow") as refused:
         import_run(make_lerobot(tmp_path / "source"), parent=tmp_path)
     assert "pip install" in refused.value.remedy
