@@ -15,12 +15,12 @@ import typer
 from drivers.device_checks import require_devices
 from tacauchy_rig.app.cli import output
 from tacauchy_rig.app.cli.live_viewing import TWIN_WORDS, port_of, told_of_errors, viewers_of
-from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config, resumed_config
+from tacauchy_rig.core.config.load import default_text, load_config, resumed_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.doctor_check import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.known_weight import Weight, parse_weight
-from tacauchy_rig.core.run import Outcome
+from tacauchy_rig.core.run import ExpectedPress, Outcome
 from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
@@ -90,23 +90,21 @@ class Request:
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
-@output.takes(Request)
 def dry_run(request: Request, overrides: output.Overrides = None) -> None:
     """Make six presses on emulated hardware, replay them and report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
     """
-    loaded = load_config(None, overrides=overrides or ())
-    if loaded.config.moves_real_hardware:
+    config = load_config(None, overrides=overrides or ()).config
+    if config.moves_real_hardware:
         raise AbortedError(
-            f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
+            f"a dry run never moves a real arm, but robot.driver is {config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    store = _created(loaded, default_text(), press_only=request.press_only)
+    store = _created(None, overrides or (), press_only=request.press_only)
     _press_and_report(store, store.config, request)
 
 
-@output.takes(Request)
 def run(
     request: Request, path: output.RequiredConfigFile, overrides: output.Overrides = None
 ) -> None:
@@ -114,12 +112,10 @@ def run(
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
-    loaded = load_config(path, overrides=overrides or ())
-    store = _created(loaded, path.read_text("utf-8"), press_only=request.press_only)
+    store = _created(path, overrides or (), press_only=request.press_only)
     _press_and_report(store, store.config, request)
 
 
-@output.takes(Request)
 def resume(
     request: Request,
     folder: output.RunFolder,
@@ -177,9 +173,7 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
     if path is not None and path.is_dir():
         return RunStore.open(path)
-    loaded = load_config(path, overrides=overrides)
-    text = default_text() if path is None else path.read_text("utf-8")
-    store = _created(loaded, text, press_only=True)
+    store = _created(path, overrides, press_only=True)
     result = _press_confirmed(store, store.config, Request(page="off", press_only=True))
     if result.exit_code:
         raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
@@ -187,9 +181,12 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
 
 @doing("preparing the run")
-def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
+def _created(path: Path | None, overrides: Sequence[str], *, press_only: bool) -> RunStore:
+    """Make a run's folder of a configuration, the dry run's if there is no file."""
     from tacauchy_rig.app.session.record_run_and_weight_check import create_run
 
+    loaded = load_config(path, overrides=overrides)
+    text = default_text() if path is None else path.read_text("utf-8")
     _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
     store = create_run(loaded, text)
@@ -265,7 +262,7 @@ def _press_confirmed(
     output.say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, request, on_start)
+    result = press(store, config, request, expected, on_start)
     resumed = f"`{command_line('resume', store.paths.root)}`"
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
@@ -279,24 +276,34 @@ def _press_confirmed(
 
 
 def press(
-    store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
+    store: RunStore,
+    config: RigConfig,
+    request: Request,
+    expected: ExpectedPress | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
-    """Run the session of a run folder, with its emulated devices if it has any.
+    """Press every trial without a passed attempt, on emulated devices if the run has any.
+
+    A real arm moves, and nothing here asks whether it may. Ctrl-C, SIGTERM and a lost terminal end
+    the session.
 
     Args:
-        config: Its configuration, with what was changed since it began.
+        config: The run's configuration, with what was changed since it began.
+        expected: Force against depth that the gel should give; None if unknown.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.guard.abort import AbortWatch
     from protocols.processes.child_process import listen
     from protocols.processes.ipc import PageOptions
+    from protocols.processes.supervisor import run_session
     from protocols.trials.trial_sequence import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
     from tacauchy_rig.app.cli.session_progress import SessionProgress
-    from tacauchy_rig.app.session.record_run_and_weight_check import kept_expectation, record_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import require_bounded_force
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
@@ -328,15 +335,18 @@ def press(
         progress = SessionProgress(
             config,
             plan=plan_session(store, again=request.again),
-            expected=kept_expectation(store),
+            expected=expected,
             open_page=request.open_page,
         )
         page = None if port is None else PageOptions(port=port, outline=contact_outline(config))
-        with progress:
-            result = record_run(
+        require_bounded_force(store, running)
+        with progress, AbortWatch() as watch:
+            result = run_session(
                 store,
                 running,
                 on_event=progress,
+                abort=watch.abort,
+                expected=expected,
                 again=request.again,
                 page=page,
                 viewers=viewers,

@@ -77,7 +77,7 @@ def test_the_program_tells_it_and_ends_with_one(
     )
     monkeypatch.setattr(run_and_resume, "press", lambda *_, **__: result)
     with pytest.raises(typer.Exit) as caught:
-        run_and_resume.resume(store.paths.root, press_only=True)
+        run_and_resume.resume(run_and_resume.Request(press_only=True), store.paths.root)
     assert caught.value.exit_code == 1
     told = capfd.readouterr().err.splitlines()
     assert told[:3] == [*LINES, "trials without a passed attempt: 3"]
