@@ -12,7 +12,7 @@ from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
@@ -189,16 +189,25 @@ def _told(given: inspect.Parameter, metavar: str, told: str) -> inspect.Paramete
     return given.replace(annotation=Annotated[kind, made])
 
 
-def documented(command: Callable[..., None]) -> Callable[..., None]:
+class Found(NamedTuple):
+    """What a command found, for ``--json FILE``, and whether that is as it should be."""
+
+    content: Any
+    passed: bool = True
+
+
+def documented(command: Callable[..., Any]) -> Callable[..., None]:
     """Give a command's parameters the help that its docstring has of them.
 
     What stands below ``Args`` as ``name (METAVAR): help`` is an argument, or an option of that name
     where the parameter is given by keyword only; a flag has no opposite. An annotation says what
     else there is to say, such as another name. In place of a parameter that is a dataclass the
     command has those fields of it as options that the dataclass describes likewise or annotates.
+    A command that returns what it ``Found`` has the option ``--json``, and ends with 0 or 1.
     """
     text, entries = _described(command.__doc__)
-    own = dict(inspect.signature(command, eval_str=True).parameters)
+    signature = inspect.signature(command, eval_str=True)
+    own = dict(signature.parameters)
     own |= {name: _told(own[name], *entry) for name, entry in entries.items()}
     named: list[inspect.Parameter] = []
     records: dict[str, tuple[Any, list[str]]] = {}
@@ -209,8 +218,12 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             named += options
         else:
             named.append(each)
+    keyword = inspect.Parameter.KEYWORD_ONLY
     if records:  # arguments may follow the options of a dataclass
-        named = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in named]
+        named = [each.replace(kind=keyword) for each in named]
+    finds = Found in (signature.return_annotation, *get_args(signature.return_annotation))
+    if finds:
+        named.append(inspect.Parameter("json_file", keyword, default=None, annotation=JsonFile))
 
     @wraps(command)
     def called(**given: Any) -> None:
@@ -218,7 +231,11 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
             name: kind(**{option: given.pop(option) for option in options})
             for name, (kind, options) in records.items()
         }
-        command(**given, **made)
+        json_file = given.pop("json_file") if finds else None
+        found = command(**given, **made)
+        if isinstance(found, Found):
+            write_json(json_file, found.content)
+            raise typer.Exit(0 if found.passed else 1)
 
     called.__doc__ = text
     called.__annotations__ = {each.name: each.annotation for each in named}

@@ -11,7 +11,7 @@ import typer
 
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Drive, Output, Preset, Scene, SceneTerms
-from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, write_json
+from tacauchy_rig.app.cli.output import Found, JsonFile, complain, say, show_table, write_json
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
@@ -125,7 +125,7 @@ def press(
             say("no image, height map or markers: a bare pad has no camera; name a --sensor")
 
 
-def plan(terms: StatedScene, output: OutputOption = None, json_file: JsonFile = None) -> None:
+def plan(terms: StatedScene, output: OutputOption = None) -> Found:
     """Print mesh and effects that a press would be simulated with, and why.
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
@@ -164,8 +164,7 @@ def plan(terms: StatedScene, output: OutputOption = None, json_file: JsonFile = 
     say(f"cost       {about or 'not known'}; `press` estimates the error of its {judged.value}")
     for other in others:
         say(f"{other.role:10} {other}")
-    write_json(
-        json_file,
+    return Found(
         {
             "preset": str(setting_of(scene)),
             "effects": planned.as_json(),
@@ -175,7 +174,7 @@ def plan(terms: StatedScene, output: OutputOption = None, json_file: JsonFile = 
             "tried_s": planned.tried_s,
             "time_over_fast": worth and worth.time_ratio,
             "alternatives": [asdict(other) for other in others],
-        },
+        }
     )
 
 

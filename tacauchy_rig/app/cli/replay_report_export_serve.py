@@ -11,7 +11,7 @@ import typer
 
 from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.app.cli.live_viewing import open_in_browser, tell
-from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json
+from tacauchy_rig.app.cli.output import Found, RunFolder, complain, say
 from tacauchy_rig.app.exporting.formats import Format
 from tacauchy_rig.app.exporting.formats import export as write
 from tacauchy_rig.core.errors import AbortedError, command_line
@@ -33,8 +33,7 @@ def replay(
     tolerance: str | None = None,
     optics: Path | None = None,
     watch: bool = False,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found | None:
     """Simulate the trials of a run again and write its report.
 
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
@@ -61,13 +60,13 @@ def replay(
         complain_of(check_run(run.store))
     if watch:
         _watch(run, optics)
-        return
+        return None
     with worker_process() as worker:
         calibrate = emulated_calibration(run.store)
         if optics is None:
             calibrate = begin_calibration(run.store, worker)
         replay_and_show(run, calibrate, tolerance=kept, optics=optics)
-    report_and_exit(run, json_file)
+    return reported(run)
 
 
 def _watch(run: RunReading, given: Path | None) -> None:
@@ -87,17 +86,17 @@ def _watch(run: RunReading, given: Path | None) -> None:
         say(f"page {watch_run(run, optics=optics).resolve()}")
 
 
-def report(folder: RunFolder, json_file: JsonFile = None) -> None:
+def report(folder: RunFolder) -> Found:
     """Write the report of a run again from its recording and replay.
 
     Example: tacauchy-rig report runs/20261123-gelsight-mini
     """
     from tacauchy_rig.app.replay.open_run import open_run
 
-    report_and_exit(open_run(folder), json_file)
+    return reported(open_run(folder))
 
 
-def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
+def recover(folder: RunFolder) -> Found:
     """Repair interrupted recordings and check a run's files; exit code 1 if something is lost.
 
     Example: tacauchy-rig recover runs/20261123-gelsight-mini
@@ -109,8 +108,7 @@ def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
     say_recovered(recovery)
     if recovery.is_whole and not any(report.changed for report in recovery.recordings):
         say(f"{folder}: journal, results and recordings are whole and agree")
-    write_json(json_file, recovery)
-    raise typer.Exit(0 if recovery.is_whole else 1)
+    return Found(recovery, passed=recovery.is_whole)
 
 
 def say_recovered(recovery: RunRecovery) -> None:
@@ -150,12 +148,10 @@ def replay_and_show(
         tell(page, "analysing", text.strip())
 
     try:
-        with told(show), doing("replay"):
+        with told(show), heard(show), doing("replay"):
             from tacauchy_rig.app.replay.replay import replay_run
 
-            replay = replay_run(
-                run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
-            )
+            replay = replay_run(run, tolerance=tolerance, optics_file=optics, calibrate=calibrate)
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",
@@ -165,10 +161,8 @@ def replay_and_show(
     _say_cost(replay)
 
 
-def report_and_exit(
-    run: RunReading, json_file: Path | None, *, page: Viewing | None = None
-) -> None:
-    """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
+def reported(run: RunReading, *, page: Viewing | None = None) -> Found:
+    """Write the report of a run, say where it is, and return its summary."""
     from tacauchy_rig.app.replay.report_run import report_run
 
     say("writing the report")
@@ -179,8 +173,7 @@ def report_and_exit(
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
     say(f"next: {command_line('serve', run.store.paths.root.parent)} shows it beside other runs")
-    write_json(json_file, json.loads(paths.summary.read_text("utf-8")))
-    raise typer.Exit(0 if report.passed else 1)
+    return Found(json.loads(paths.summary.read_text("utf-8")), passed=report.passed)
 
 
 def _say_cost(replay: Replay) -> None:
@@ -218,8 +211,7 @@ def export(
     to: Format = Format.CSV,
     sensor: str = "gelsight-mini",
     background: Path | None = None,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Export runs, data sets, presses, calibrations and sensors to other programs.
 
     Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
@@ -238,7 +230,7 @@ def export(
     written = sorted(path for path in out.rglob("*") if path.is_file())
     size_mb = sum(path.stat().st_size for path in written) / 1e6
     say(f"wrote {len(written)} files, {size_mb:.1f} MB, to {out}")
-    write_json(json_file, {"files": written})
+    return Found({"files": written})
 
 
 def serve(

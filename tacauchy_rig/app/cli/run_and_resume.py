@@ -57,7 +57,6 @@ class Request:
             ``--check-weight`` no mass.
     """
 
-    json_file: output.JsonFile = None
     press_only: bool = False
     check_weight: str | None = None
     page: str = "auto"
@@ -90,7 +89,7 @@ class Request:
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
-def dry_run(request: Request, overrides: output.Overrides = None) -> None:
+def dry_run(request: Request, overrides: output.Overrides = None) -> output.Found:
     """Make six presses on emulated hardware, replay them and report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
@@ -102,18 +101,18 @@ def dry_run(request: Request, overrides: output.Overrides = None) -> None:
             remedy="use `tacauchy-rig run rig.toml`",
         )
     store = _created(None, overrides or (), press_only=request.press_only)
-    _press_and_report(store, store.config, request)
+    return _press_and_report(store, store.config, request)
 
 
 def run(
     request: Request, path: output.RequiredConfigFile, overrides: output.Overrides = None
-) -> None:
+) -> output.Found:
     """Make the presses of a configuration, replay them and report.
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
     store = _created(path, overrides or (), press_only=request.press_only)
-    _press_and_report(store, store.config, request)
+    return _press_and_report(store, store.config, request)
 
 
 def resume(
@@ -122,7 +121,7 @@ def resume(
     *,
     overrides: output.Overrides = None,
     again: list[int] | None = None,
-) -> None:
+) -> output.Found:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
 
     Example: tacauchy-rig resume runs/20261123-gelsight-mini
@@ -155,7 +154,7 @@ def resume(
     for change in changes:
         output.say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(
+    return _press_and_report(
         store, config, replace(request, again=frozenset(again or ()), is_whole=recovery.is_whole)
     )
 
@@ -209,9 +208,9 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
         check_replay(config)
 
 
-def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
+def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> output.Found:
     from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
-    from tacauchy_rig.app.cli.replay_report_export_serve import replay_and_show, report_and_exit
+    from tacauchy_rig.app.cli.replay_report_export_serve import replay_and_show, reported
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.core.parallel import worker_process
 
@@ -232,7 +231,7 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
             calibrate = begun[0] if begun else begin_calibration(store, worker)
             reading = open_run(store.paths.root)
             replay_and_show(reading, calibrate, page=result.page)
-            report_and_exit(reading, request.json_file, page=result.page)
+            return reported(reading, page=result.page)
 
 
 def _press_confirmed(
@@ -240,24 +239,18 @@ def _press_confirmed(
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator_prompts import confirm
-    from tacauchy_rig.app.session.record_run_and_weight_check import (
-        kept_expectation,
-        missed_lines,
-        needs_weight,
-        require_bounded_force,
-        standing_check,
-    )
+    from tacauchy_rig.app.session import record_run_and_weight_check as session
 
-    if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
+    if request.weight is None and session.needs_weight(config) and config.force_sensor.is_emulated:
         request = replace(request, check_weight=EMULATED_WEIGHT)  # hung without a hand
     if request.weight is None:
-        require_bounded_force(store, config)
-        if note := standing_check(store):
+        session.require_bounded_force(store, config)
+        if note := session.standing_check(store):
             output.say(note)
     elif not config.force_sensor.is_emulated:  # while the person who called this is still there
-        _check_force(store, config, request.weight, None)
+        _check_force(store, config, request.weight)
     with doing("computing the force expected of the gel"):
-        expected = kept_expectation(store)  # here, so that what is confirmed moves at once
+        expected = session.kept_expectation(store)  # here, so that what is confirmed moves at once
     made = expected.made if expected else "unknown; the arm's estimate and the camera are left"
     output.say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
@@ -268,7 +261,7 @@ def _press_confirmed(
         error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
         remedy = f"{result.remedy or f'{resumed} continues'}\n  -> run folder {store.paths.root}"
         raise error(result.reason, remedy=remedy)
-    for line in missed_lines(result.records):
+    for line in session.missed_lines(result.records):
         output.complain(line)
     if result.outcome is Outcome.FAILED:
         output.complain(f"{result.reason}\n  -> {resumed} repeats them")
@@ -310,7 +303,6 @@ def press(
         listen(port).close()
     viewers = viewers_of(twin=TWIN_WORDS[request.twin], foxglove=request.foxglove_port)
     chosen = emulated_devices(config)
-    played = store.paths.emulation if chosen else None
     with ExitStack() as stack:
         running = config
         if chosen:
@@ -329,7 +321,7 @@ def press(
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         if request.weight is None or config.force_sensor.is_emulated:
-            _check_force(store, running, request.weight, played)
+            _check_force(store, running, request.weight)
         if on_start is not None:
             on_start()
         progress = SessionProgress(
@@ -354,16 +346,14 @@ def press(
             )
         if result.outcome is Outcome.PASSED:
             try:
-                _check_force_after(store, running, request.weight, played)
+                _check_force_after(store, running, request.weight)
             except RigError:
                 with told_of_errors(result.page):
                     raise
         return result
 
 
-def _check_force(
-    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
-) -> None:
+def _check_force(store: RunStore, config: RigConfig, weight: Weight | None) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
     from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, hang_emulated
     from tacauchy_rig.app.session.record_run_and_weight_check import check_cell, mark_expired
@@ -371,15 +361,13 @@ def _check_force(
     if weight is None:
         mark_expired(store)
         return
-    hangs = emulation is not None and config.force_sensor.is_emulated
-    ask = hang_emulated(weight, emulation) if emulation and hangs else ask_for_weight(weight)
+    is_emulated, folder = config.force_sensor.is_emulated, store.paths.emulation
+    ask = hang_emulated(weight, folder) if is_emulated else ask_for_weight(weight)
     check = check_cell(store, config, weight, ask=ask)
     output.say(f"force checked: {check.finding}")
 
 
-def _check_force_after(
-    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
-) -> None:
+def _check_force_after(store: RunStore, config: RigConfig, weight: Weight | None) -> None:
     """Check the cell once more after the last trial where it had to be, or was, checked before."""
     from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, needs_weight
 
@@ -389,7 +377,7 @@ def _check_force_after(
     if weight is None:
         return
     try:
-        _check_force(store, config, weight, emulation)
+        _check_force(store, config, weight)
     except ForceCheckError as error:
         error.message = f"after the last trial {error.message}. No trial of this run is safe."
         raise

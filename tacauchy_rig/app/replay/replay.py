@@ -1,6 +1,6 @@
 """From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
@@ -27,7 +27,7 @@ from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
-from tacauchy_rig.core.time_limit_and_progress import heard, say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
@@ -41,7 +41,6 @@ def replay_run(
     tolerance: Tolerance | None = None,
     optics_file: Path | None = None,
     calibrate: Calibrate | None = None,
-    on_progress: Callable[[str], None] = lambda _: None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -57,16 +56,6 @@ def replay_run(
             indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
-    with heard(on_progress):
-        return _replayed_run(run, tolerance, optics_file, calibrate)
-
-
-def _replayed_run(
-    run: RunReading,
-    tolerance: Tolerance | None,
-    optics_file: Path | None,
-    calibrate: Calibrate | None,
-) -> Replay:
     config, parts = run.store.config, parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     given = config.sensor.optics_calibration if optics_file is None else str(optics_file)

@@ -386,7 +386,10 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         return [replace(part, inputs=part.inputs.settled(forces_n))]
     parts = []
     for group in groups:
-        place, indenter = _place(group), group[0].indenter
+        place, indenter = group[0].place_m, group[0].indenter
+        if places := [trial.place_m for trial in group if trial.place_m is not None]:
+            x_m, y_m = np.mean(places, axis=0).tolist()
+            place = x_m, y_m
         stated = {"indenter": indenter or None, "offset": place}
         known = {name: value for name, value in stated.items() if value is not None}
         own = config.model_copy(update={"replay": config.replay.model_copy(update=known)})
@@ -459,11 +462,3 @@ def _is_near(first: Place | None, second: Place | None) -> bool:
     if first is None or second is None:
         return first is second
     return max(abs(a - b) for a, b in zip(first, second, strict=True)) <= SAME_PLACE_M
-
-
-def _place(trials: list[ImportedTrial]) -> Place | None:
-    known = [trial.place_m for trial in trials if trial.place_m is not None]
-    if not known:
-        return None
-    x, y = np.mean(known, axis=0).tolist()
-    return x, y

@@ -28,7 +28,7 @@ from tacauchy_rig.core.config.load import Change, LoadedConfig
 from tacauchy_rig.core.config.settings import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD, RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 from tacauchy_rig.core.known_weight import EXPIRY_H, ForceCheck, Weight, judge_weight
-from tacauchy_rig.core.run import Criterion, ExpectedPress, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.free_space import check_free_space
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import to_json
@@ -254,12 +254,9 @@ def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
         if record.outcome is not Outcome.FAILED:
             continue
         tries = f", attempt {record.attempt}" if record.attempt > 1 else ""
-        for criterion in record.criteria:
-            if not criterion.passed:
-                yield f"missed: trial {record.index}{tries}: {_told(criterion)}"
-
-
-def _told(criterion: Criterion) -> str:
-    measured = f"{criterion.measured:.4g} {criterion.unit}".rstrip()
-    text = f"{criterion.name} is {measured}, required: {criterion.limit}"
-    return f"{text} -> {criterion.remedy}" if criterion.remedy else text
+        for each in record.criteria:
+            if not each.passed:
+                measured = f"{each.measured:.4g} {each.unit}".rstrip()
+                told = f"{each.name} is {measured}, required: {each.limit}"
+                remedy = f" -> {each.remedy}" if each.remedy else ""
+                yield f"missed: trial {record.index}{tries}: {told}{remedy}"

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from time import monotonic_ns, process_time
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.ndimage import label
 
 from protocols.processes.ipc import Shown, ViewerOptions
 from reports.evidence.evidence_types import ImageGeometry
@@ -382,13 +382,9 @@ def _frames(attempt: AttemptReading, twin: Twin) -> Iterator[dict[str, Any]]:
 
 def _lasting(touching: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return the longest stretch without a gap: a cell's noise touches for a sample or two."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
-    kept = np.zeros_like(touching)
-    stretches = list(pairwise(edges.tolist()))[::2]
-    if stretches:
-        start, stop = max(stretches, key=lambda each: each[1] - each[0])
-        kept[start:stop] = True
-    return kept
+    stretches, count = label(touching)
+    longest = 1 + np.argmax(np.bincount(stretches)[1:]) if count else 1
+    return np.asarray(stretches == longest)
 
 
 def _row(

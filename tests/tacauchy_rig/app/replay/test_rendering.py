@@ -14,13 +14,7 @@ from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
-from tacauchy_rig.app.replay.rendering import (
-    STATES,
-    WIDTH_PX,
-    intermediate_arrays,
-    marker_motion,
-    spread,
-)
+from tacauchy_rig.app.replay.rendering import STATES, WIDTH_PX, intermediate_arrays, marker_motion
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import (
     Dwell,
@@ -110,15 +104,6 @@ def test_a_walk_with_another_gel_passes_the_same(inputs: ReplayInputs) -> None:
     ]
     for told, known in zip(ways[0][1:], ways[1][1:], strict=True):
         np.testing.assert_allclose(np.interp(ways[1][0], ways[0][0], told), known, rtol=0.03)
-
-
-def test_a_few_of_many_end_with_the_last() -> None:
-    """Evenly, and all where there are few."""
-    many: list[Any] = list(range(20))
-    assert len(spread(many)) == STATES
-    assert spread(many)[-1] == 19
-    assert len(set(spread(many))) == STATES
-    assert spread(many[:3]) == many[:3]
 
 
 GRID = MarkerGrid(columns=4, rows=3, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)
