@@ -125,12 +125,9 @@ def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
     python = f"Python {found.pop('python')} on {platform.machine()}"
     missing = [package for package, version in found.items() if version == ABSENT]
     if missing or sys.version_info < (3, 11):
-        return CheckResult(
-            name="host.versions",
-            status=CheckStatus.FAIL,
-            finding=f"{python}; missing: {', '.join(missing) or 'nothing'}",
-            remedy="Python 3.11 or newer is needed; install with `make setup` or `pip install .`",
-        )
+        error = f"{python}; missing: {', '.join(missing) or 'nothing'}"
+        remedy = "Python 3.11 or newer is needed; install with `make setup` or `pip install .`"
+        return failed("host.versions", RigError(error, remedy=remedy))
     listed = ", ".join(f"{package} {version}" for package, version in found.items())
     return passed("host.versions", f"{python}; {listed}")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from protocols.processes.child_process import Viewing
     from reports.evidence.frames_and_curves import RunReading
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
-    from tacauchy_rig.core.simulated import MarkerMotion, Replay
+    from tacauchy_rig.core.simulated import Replay
     from tacauchy_rig.core.store.check.run_and_press_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
 
@@ -157,7 +156,14 @@ def replay_and_show(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",
             remedy=f"`{command_line('replay', run.store.paths.root)}` continues it",
         ) from None
-    _say_markers([each for model in replay.models for each in model.markers if each.tracked])
+    for found in (each for model in replay.models for each in model.markers if each.tracked):
+        lengths_m = found.recorded_largest_m, found.simulated_largest_m, found.apart_rms_m
+        recorded, simulated, apart = (f"{(each or 0.0) * 1e3:.3f} mm" for each in lengths_m)
+        say(
+            f"  markers of trial {found.trial}: {found.tracked} tracked, moved {recorded} at most, "
+            f"the simulated ones {simulated}; {apart} apart rms, "
+            f"{found.apart_median_px or 0.0:.2f} px in the median"
+        )
     _say_cost(replay)
 
 
@@ -188,20 +194,6 @@ def _say_cost(replay: Replay) -> None:
     cost = f"{sum(each.wall_s for each in replay.models):.1f} s"
     for line in cost_lines(error, worst.force_error_basis, cost, model.alternatives):
         say(f"  {line}")
-
-
-def _say_markers(markers: Sequence[MarkerMotion]) -> None:
-    for found in markers:
-        say(
-            f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
-            f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
-            f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms, "
-            f"{found.apart_median_px or 0.0:.2f} px in the median"
-        )
-
-
-def _mm(length_m: float | None) -> str:
-    return f"{(length_m or 0.0) * 1e3:.3f}"
 
 
 def export(

@@ -315,9 +315,8 @@ def press(
                 follow_host=follow,
                 unit=emulated_unit(sensor, markers=config.emulation.markers),
             )
-            stack.callback(emulation.stop)
             output.say(f"starting emulated {', '.join(sorted(chosen))}")
-            running = emulation.start()
+            running = stack.enter_context(emulation).running
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         if request.weight is None or config.force_sensor.is_emulated:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError, command_line
 from tacauchy_rig.core.registry import Kind, names, unknown
 from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord
+from tacauchy_rig.core.simulated import FoundValue
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
@@ -318,6 +319,10 @@ class Part:
     trials: tuple[int, ...] = ()  # numbers of all trials, also of those that have neither
     place_known: bool = True  # it is stated where the tip came down
     label: str = ""  # indenter and place, for progress; empty where all trials are alike
+    # Tilt and place of the indenter that were found, and the plan's rows on them, as replays keep
+    # these
+    found: tuple[FoundValue, ...] = ()
+    effects: tuple[dict[str, Any], ...] = ()
 
     @property
     def forces_n(self) -> list[float]:

@@ -1,10 +1,9 @@
 """Pages of results: a folder's runs, a comparison of two, a sensor's trend, and who serves them."""
 
-import asyncio
 import math
 import os
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from hashlib import sha256
@@ -400,9 +399,9 @@ class ResultsServer:
     def app(self) -> ASGIApp:
         """The application, behind its access rule."""
         routes = [
-            Route("/", self._answer(self._list)),
-            Route("/compare", self._answer(self._compare)),
-            Route("/health/{name}", self._answer(self._trend)),
+            Route("/", self._list),  # each in a thread: recordings take a second to read
+            Route("/compare", self._compare),
+            Route("/health/{name}", self._trend),
             Route("/results.css", lambda _request: self._style),
             Route("/run/{name}/{path:path}", self._file),
         ]
@@ -416,14 +415,6 @@ class ResultsServer:
             await rule.guard(inner)(scope, receive, send)
 
         return app
-
-    def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
-        """Return a page's answer, made in a thread: recordings take a second to read."""
-
-        async def answer(request: Request) -> Response:
-            return await asyncio.to_thread(page, request)
-
-        return answer
 
     def _list(self, _request: Request) -> Response:
         return self._page(
