@@ -349,11 +349,6 @@ class Part:
         """The part with the preset that ``auto`` chooses."""
         return replace(self, inputs=self.inputs.settled(self.forces_n))
 
-    @property
-    def tool(self) -> str:
-        """The indenter, as it is described."""
-        return describe(self.inputs.indenter)
-
 
 def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
     """Return the parts of a run: one, unless it was imported and its presses differ.
@@ -432,7 +427,7 @@ def tools_of(parts: Sequence[Part]) -> Iterator[list[int]]:
     """Yield the numbers of the parts of each indenter."""
     groups: dict[str, list[int]] = {}
     for k, part in enumerate(parts):
-        groups.setdefault(part.tool, []).append(k)
+        groups.setdefault(describe(part.inputs.indenter), []).append(k)
     yield from groups.values()
 
 
