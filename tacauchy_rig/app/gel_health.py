@@ -153,37 +153,34 @@ def compare_presses(
     modulus = _stiffness(before, now, depth_uncertainty_m)
     light_now = float(now.unloaded.mean() / max(before.unloaded.mean(), 1.0))
     light = Change(name="light", value=light_now - 1.0, uncertainty=LIGHT_DOUBT, limit=LIGHT_CHANGE)
-    image = _image(before, now, light_now)
-    spread_n = math.hypot(before.zero_deviation_n, now.zero_deviation_n)
+    # The part of the contact's image change that differs at equal light; blocks average the noise.
+    was = _reduced(before.pressed - before.unloaded)
+    shown = _reduced(now.pressed - now.unloaded) / max(light_now, 1e-3)
+    differs = float(np.linalg.norm(shown - was)) / max(float(np.linalg.norm(was)), 1e-9)
+    image = Change(name="image", value=differs, uncertainty=0.0, limit=IMAGE_CHANGE)
     zero = Change(
         name="zero of the force cell",
         value=now.zero_n - before.zero_n,
-        uncertainty=spread_n,
+        uncertainty=math.hypot(before.zero_deviation_n, now.zero_deviation_n),
         limit=ZERO_CHANGE_N,
         unit="N",
     )
     changes = (modulus, light, image, zero)
-    advice, reason = _advice(modulus, light, image, zero)
-    return GelState(advice=advice, reason=reason, changes=changes)
-
-
-def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tuple[Advice, str]:
+    advice, reason = Advice.KEEP, "nothing changed beyond its limit"
     if modulus.counts:
         way = "harder" if modulus.value > 0.0 else "softer"
-        return Advice.REPLACE, f"the gel is {way} by {abs(modulus.value):.0%}"
-    if image.counts:
-        return Advice.REPLACE, f"{image.value:.0%} of the contact's image differs at equal force"
-    if light.counts:
-        return (
-            Advice.RECALIBRATE,
-            f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`",
-        )
-    if zero.counts:
-        return (
-            Advice.RECALIBRATE,
-            f"the cell's zero moved by {zero.value:+.2f} N: see its gain by `run --check-weight`",
-        )
-    return Advice.KEEP, "nothing changed beyond its limit"
+        advice, reason = Advice.REPLACE, f"the gel is {way} by {abs(modulus.value):.0%}"
+    elif image.counts:
+        advice = Advice.REPLACE
+        reason = f"{image.value:.0%} of the contact's image differs at equal force"
+    elif light.counts:
+        advice = Advice.RECALIBRATE
+        reason = f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`"
+    elif zero.counts:
+        advice = Advice.RECALIBRATE
+        reason = f"the cell's zero moved by {zero.value:+.2f} N: see its gain by "
+        reason += "`run --check-weight`"
+    return GelState(advice=advice, reason=reason, changes=changes)
 
 
 def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: float) -> Change:
@@ -211,15 +208,6 @@ def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: f
         uncertainty=math.sqrt(float(covariance[0, 0])),
         limit=MODULUS_CHANGE,
     )
-
-
-def _image(before: PressMeasures, now: PressMeasures, light: float) -> Change:
-    """Return the part of the contact's image change that differs; blocks average the noise."""
-    was = _reduced(before.pressed - before.unloaded)
-    shown = _reduced(now.pressed - now.unloaded) / max(light, 1e-3)
-    norm = float(np.linalg.norm(was))
-    value = float(np.linalg.norm(shown - was)) / max(norm, 1e-9)
-    return Change(name="image", value=value, uncertainty=0.0, limit=IMAGE_CHANGE)
 
 
 def _reduced(change: FloatArray) -> FloatArray:

@@ -28,11 +28,10 @@ _COMFORTABLE = 3.0
 
 def disk_checks(config: RigConfig) -> list[CheckResult]:
     """Return ``disk.space`` and ``disk.rate`` for the configured output directory."""
-    folder = Path(config.run.output_directory)
     results = []
     for name, check in (("disk.space", _space_check), ("disk.rate", _rate_check)):
         try:
-            results.append(check(name, folder, config))
+            results.append(check(name, Path(config.run.output_directory), config))
         except RigError as error:
             results.append(failed(name, error))
     return results
@@ -44,23 +43,19 @@ def measure_disk(folder: Path, *, duration_s: float = 1.0) -> tuple[float, float
     Returns:
         Bytes over the time they took, syncs included [bytes/s], and the longest sync [s].
     """
-    existing = existing_folder(folder)
-    with writing(existing), tempfile.TemporaryFile(dir=existing, buffering=0) as file:
-        return _write_for(file.fileno(), os.urandom(_BLOCK_BYTES), duration_s)
-
-
-def _write_for(descriptor: int, block: bytes, duration_s: float) -> tuple[float, float]:
+    existing, block = existing_folder(folder), os.urandom(_BLOCK_BYTES)
     written, slowest_s = 0, 0.0
-    started = now = time.monotonic()
-    while now < started + duration_s and written < _LIMIT_BYTES:
-        synced = now
-        while now < synced + _SYNC_INTERVAL_S and written < _LIMIT_BYTES:
-            written += os.write(descriptor, block)
+    with writing(existing), tempfile.TemporaryFile(dir=existing, buffering=0) as file:
+        started = now = time.monotonic()
+        while now < started + duration_s and written < _LIMIT_BYTES:
+            synced = now
+            while now < synced + _SYNC_INTERVAL_S and written < _LIMIT_BYTES:
+                written += file.write(block)
+                now = time.monotonic()
+            os.fsync(file.fileno())
+            slowest_s = max(slowest_s, time.monotonic() - now)
             now = time.monotonic()
-        os.fsync(descriptor)
-        slowest_s = max(slowest_s, time.monotonic() - now)
-        now = time.monotonic()
-    return written / (time.monotonic() - started), slowest_s
+        return written / (now - started), slowest_s
 
 
 def _space_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
@@ -130,12 +125,9 @@ def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
     python = f"Python {found.pop('python')} on {platform.machine()}"
     missing = [package for package, version in found.items() if version == ABSENT]
     if missing or sys.version_info < (3, 11):
-        return CheckResult(
-            name="host.versions",
-            status=CheckStatus.FAIL,
-            finding=f"{python}; missing: {', '.join(missing) or 'nothing'}",
-            remedy="Python 3.11 or newer is needed; install with `make setup` or `pip install .`",
-        )
+        error = f"{python}; missing: {', '.join(missing) or 'nothing'}"
+        remedy = "Python 3.11 or newer is needed; install with `make setup` or `pip install .`"
+        return failed("host.versions", RigError(error, remedy=remedy))
     listed = ", ".join(f"{package} {version}" for package, version in found.items())
     return passed("host.versions", f"{python}; {listed}")
 
@@ -164,27 +156,20 @@ def timer_check() -> CheckResult:
 
 def core_check(count: int) -> CheckResult:
     """Judge the number of cores that this process may use."""
+    is_good = count >= _MIN_CORES
     few = f"{count} core may be used; control and camera want one each"
-    return judged(
-        "host.cores",
-        f"{count} cores may be used" if count >= _MIN_CORES else few,
-        is_good=count >= _MIN_CORES,
-        value=count,
-        unit="cores",
-        remedy="give this computer, container or session at least two cores",
-    )
+    finding = f"{count} cores may be used" if is_good else few
+    remedy = "give this computer, container or session at least two cores"
+    return judged("host.cores", finding, is_good=is_good, value=count, unit="cores", remedy=remedy)
 
 
 def memory_check(available_bytes: int) -> CheckResult:
     """Judge the memory that is available."""
-    gib = available_bytes / 2**30
+    gib, least_gib = available_bytes / 2**30, _MIN_MEMORY_BYTES / 2**30
+    finding = f"{gib:.1f} GiB of memory available"
+    remedy = f"end other programs; the replay wants {least_gib:.0f} GiB"
     return judged(
-        "host.memory",
-        f"{gib:.1f} GiB of memory available",
-        is_good=available_bytes >= _MIN_MEMORY_BYTES,
-        value=gib,
-        unit="GiB",
-        remedy=f"end other programs; the replay wants {_MIN_MEMORY_BYTES / 2**30:.0f} GiB",
+        "host.memory", finding, is_good=gib >= least_gib, value=gib, unit="GiB", remedy=remedy
     )
 
 
@@ -201,19 +186,15 @@ def descriptor_check(limit: int) -> CheckResult:
 def group_checks(config: RigConfig, *, groups: frozenset[str], user_id: int) -> list[CheckResult]:
     """Judge whether this user may open serial ports and cameras, where real ones are used."""
     needed = {"dialout": config.force_sensor.is_real, "video": config.camera.is_real}
-    return [_group_check(name, on, groups, user_id) for name, on in needed.items()]
-
-
-def _group_check(group: str, needed: bool, groups: frozenset[str], user_id: int) -> CheckResult:
-    name = f"host.group_{group}"
-    if not needed:
-        return skipped(name, "no real device needs it")
-    if user_id == 0:
-        return passed(name, "running as root: every device may be opened")
-    is_in = group in groups
-    return judged(
-        name,
-        f"this user is {'' if is_in else 'not '}in the group {group}",
-        is_good=is_in,
-        remedy=f"sudo usermod -aG {group} $USER, then log out and in again",
-    )
+    results = []
+    for group, is_needed in needed.items():
+        name, is_in = f"host.group_{group}", group in groups
+        finding = f"this user is {'' if is_in else 'not '}in the group {group}"
+        remedy = f"sudo usermod -aG {group} $USER, then log out and in again"
+        if not is_needed:
+            results.append(skipped(name, "no real device needs it"))
+        elif user_id == 0:
+            results.append(passed(name, "running as root: every device may be opened"))
+        else:
+            results.append(judged(name, finding, is_good=is_in, remedy=remedy))
+    return results

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -206,20 +207,10 @@ def find_latency(store: RunStore) -> Latency:
     force_s = even_stamps(force.stamp_ns[felt], counter, share=EARLY_SHARE)
     pressing = store.config.force_sensor.compression_sign * force.wrench[felt, FZ]
     # A state is as old as the controller's cycle at most when it is sent: a uniform distribution.
-    depth_time_uncertainty_s = 1.0 / store.config.robot.model.rate_hz / math.sqrt(12.0)
-    late = find_delay(
-        depth,
-        (force_s, pressing),
-        name="force",
-        depth_time_uncertainty_s=depth_time_uncertainty_s,
-        relaxation_s=RELAXATION_S,
-    )
-    seen = find_delay(
-        depth,
-        _image_signal(recording, start_ns, end_ns),
-        name="image",
-        depth_time_uncertainty_s=depth_time_uncertainty_s,
-    )
+    of_depth_s = 1.0 / store.config.robot.model.rate_hz / math.sqrt(12.0)
+    found = partial(find_delay, depth, depth_time_uncertainty_s=of_depth_s)
+    late = found((force_s, pressing), name="force", relaxation_s=RELAXATION_S)
+    seen = found(_image_signal(recording, start_ns, end_ns), name="image")
     return Latency(
         force=late,
         image=seen,

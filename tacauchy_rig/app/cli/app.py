@@ -6,6 +6,7 @@ import gc
 import logging
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -15,25 +16,29 @@ from typer.core import TyperCommand, TyperGroup
 
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import compilation_told, complain, documented, say
-from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
+from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.store.atomic_write import write_error
 from tacauchy_rig.core.threads import take_one_thread
 from tacauchy_rig.core.time_limit_and_progress import told
 
 
-def lazy_group(
-    places: Mapping[str, str],
-    *,
-    panels: Mapping[str, tuple[str, ...]] | None = None,
-    moved: Mapping[str, str] | None = None,
-) -> type[TyperGroup]:
-    """Return the class of a group of commands.
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A group of commands: what its help says, and where each command's function is."""
+
+    help: str
+    places: Mapping[str, str]
+
+
+Commands = Mapping[str, str | Group]
+"""By name the place of a command's function, ``module:name``, or a group; in the help's order."""
+
+
+def lazy_group(commands: Commands, headings: Mapping[str, str] | None = None) -> type[TyperGroup]:
+    """Return the class of a group of commands, which are imported when they are asked for.
 
     Args:
-        places: Where each command's function is, ``module:name``; in the order of the help.
-        panels: By heading, the commands that the help lists below it, groups included; then they
-            are listed in this order.
-        moved: By a name that was a command once, the command that is to be called instead.
+        headings: Of the help, by the name of a command below it; none if absent.
     """
 
     class LazyGroup(TyperGroup):
@@ -42,30 +47,31 @@ def lazy_group(
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
             # Misspelt names are compared with these.
-            self.commands = {**{name: TyperCommand(name) for name in places}, **self.commands}
-
-        def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
-            """Return all names in the order of the help."""
-            first = [name for names in (panels or {}).values() for name in names]
-            return first or super().list_commands(ctx)
+            self.commands = {name: self._found(name, place) for name, place in commands.items()}
 
         def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-            """Return a command; a name that moved is refused with where it went."""
-            if moved and cmd_name in moved:
-                raise ConfigError(
-                    f"the command {cmd_name} has moved", remedy=f"call {moved[cmd_name]}"
-                )
-            if cmd_name in places:
-                module, _, attribute = places[cmd_name].partition(":")
-                group = typer.Typer(add_completion=False)
-                group.command(cmd_name)(documented(getattr(import_module(module), attribute)))
-                self.commands[cmd_name] = typer.main.get_command(group)
+            """Return a command."""
+            place = commands.get(cmd_name)
+            if isinstance(place, str):
+                module, _, attribute = place.partition(":")
+                single = typer.Typer(add_completion=False)
+                single.command(cmd_name)(documented(getattr(import_module(module), attribute)))
+                self.commands[cmd_name] = typer.main.get_command(single)
                 self.commands[cmd_name].name = cmd_name
             command: Any = super().get_command(ctx, cmd_name)
-            for panel, names in (panels or {}).items():
-                if cmd_name in names:
-                    command.rich_help_panel = panel
+            if headings and command is not None:
+                command.rich_help_panel = headings[cmd_name]
             return command
+
+        @staticmethod
+        def _found(name: str, place: str | Group) -> Any:
+            """Return a group, or what stands for a command that is not imported yet."""
+            if isinstance(place, str):
+                return TyperCommand(name)
+            inner = typer.Typer(
+                name=name, cls=lazy_group(place.places), no_args_is_help=True, help=place.help
+            )
+            return typer.main.get_group(inner)
 
     return LazyGroup
 
@@ -76,85 +82,60 @@ def _of(module: str, *names: str) -> dict[str, str]:
     return {name: f"{place}:{name.replace('-', '_')}" for name in names}
 
 
-COMMANDS = {
-    **_of("run_and_resume", "run", "dry-run", "resume"),
-    **_of("doctor", "doctor", "check-press"),
-    **_of("replay_report_export_serve", "replay", "report", "recover", "export", "serve"),
-    **_of("press", "press", "plan"),
-    **_of("sweep", "sweep"),
-    "import": "tacauchy_rig.app.cli.import_and_judge:import_",
-    **_of("import_and_judge", "judge"),
-}
-"""Place of each command; a new command needs an entry here and in ``PANELS``."""
-
-PANELS = {
-    "At the rig": ("run", "dry-run", "resume", "doctor", "check-press", "emulate"),
-    "Runs": ("replay", "report", "recover", "export", "serve"),
-    "Simulation": ("press", "plan", "sweep"),
-    "Calibration": ("calibrate",),
-    "Other people's data": ("import", "judge"),
-    "Settings": ("config",),
-    "Studies": ("study",),
-}
-"""The headings of the help, and the commands below each."""
-
-_STUDIES = ("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench")
-GROUPS = {
-    "calibrate": (
-        "Calibrate optics, scale, the gel's material, or the delays of streams.",
-        _of("calibrate", "scale", "optics", "latency", "material"),
-    ),
-    "emulate": (
-        "Start emulated devices, inject faults, and write ball presses of an emulated sensor.",
-        _of("emulate", "start", "presses", "fault"),
-    ),
-    "config": (
-        "Show, check and write rig.toml.",
-        {
-            **_of("config_commands", "show", "example"),
-            "ceilings": "tacauchy_rig.app.cli.config_commands:show_ceilings",
-        },
-    ),
-    "study": (
-        "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
-        _of("studies", *_STUDIES),
-    ),
-}
-"""Help and commands of each group."""
-
-_CHECKS = (
-    *("fault-table", "page-check", "mounting-check", "gel-check", "press-check"),
-    *("budget-check", "verdict-check", "residual-check", "judge-page"),
-)
-MOVED = {
-    **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},
-    "torture": "`tacauchy-rig study hard-cases`",
-    "effects-check": "`tacauchy-rig study effects`",
-    "rigid": "`tacauchy-rig judge --baseline rigid --run RUN --out DIR`",
-    "tamper-table": "`python -m tests.studies tampering`, from a checkout of the repository",
-    **{
-        name: f"`python -m tests.studies {name.removesuffix('-check')}`, from a checkout of the "
-        "repository"
-        for name in _CHECKS
+PANELS: Mapping[str, Commands] = {
+    "At the rig": {
+        **_of("run_and_resume", "run", "dry-run", "resume"),
+        **_of("doctor", "doctor", "check-press"),
+        "emulate": Group(
+            "Start emulated devices, inject faults, and write ball presses of an emulated sensor.",
+            _of("emulate", "start", "presses", "fault"),
+        ),
+    },
+    "Runs": _of("replay_report_export_serve", "replay", "report", "recover", "export", "serve"),
+    "Simulation": {**_of("press", "press", "plan"), **_of("sweep", "sweep")},
+    "Calibration": {
+        "calibrate": Group(
+            "Calibrate optics, scale, the gel's material, or the delays of streams.",
+            _of("calibrate", "scale", "optics", "latency", "material"),
+        )
+    },
+    "Other people's data": {
+        "import": "tacauchy_rig.app.cli.import_and_judge:import_",
+        **_of("import_and_judge", "judge"),
+    },
+    "Settings": {
+        "config": Group(
+            "Show, check and write rig.toml.",
+            {
+                **_of("config_commands", "show", "example"),
+                "ceilings": "tacauchy_rig.app.cli.config_commands:show_ceilings",
+            },
+        )
+    },
+    "Studies": {
+        "study": Group(
+            "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
+            _of(
+                *("studies", "accuracy", "hard-cases", "effects", "verify"),
+                *("modes", "objects", "paper", "bench"),
+            ),
+        )
     },
 }
-"""Commands of an earlier version, and what to call instead; for one release."""
-_MOVED_IN = {
-    "calibrate": {"markers": "`calibrate optics`, which finds markers in the no-contact frame"}
-}
+"""The headings of the help, and below each its commands and groups; a new one needs an entry."""
+COMMANDS = {name: place for panel in PANELS.values() for name, place in panel.items()}
 
 _INTERRUPTED = 130
 
 app = typer.Typer(
-    cls=lazy_group(COMMANDS, panels=PANELS, moved=MOVED),
+    cls=lazy_group(
+        COMMANDS, {name: heading for heading, panel in PANELS.items() for name in panel}
+    ),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Record tactile presses, simulate them at the measured forces, and report both.",
 )
-for _name, (_help, _places) in GROUPS.items():
-    _group = lazy_group(_places, moved=_MOVED_IN.get(_name))
-    app.add_typer(typer.Typer(cls=_group, no_args_is_help=True, help=_help), name=_name)
 
 
 def _version(value: bool) -> None:

@@ -31,8 +31,7 @@ def latency(
     sway: str = "12s",
     force: str = "2N",
     overrides: output.Overrides = None,
-    json_file: output.JsonFile = None,
-) -> None:
+) -> output.Found:
     """Press once, sway up and down, and print the delay of force and image against the arm.
 
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
@@ -61,10 +60,10 @@ def latency(
     output.say(f'[force_sensor]\ndelay = "{found.force.delay_s * 1e3:.2f} ms"')
     output.say(f'[camera]\ndelay = "{found.image.delay_s * 1e3:.2f} ms"')
     output.say(f'[uncertainty]\ndelay = "{worst_s * 1e3:.2f} ms"')
-    output.write_json(json_file, {"run": str(store.paths.root), "latency": found})
     if found.trigger_missed:
         output.complain(found.trigger_missed)
-        raise typer.Exit(1)
+    content = {"run": str(store.paths.root), "latency": found}
+    return output.Found(content, passed=not found.trigger_missed)
 
 
 @doing("fitting the scale")
@@ -75,8 +74,7 @@ def scale(
     presses: Path | None = None,
     sensor: str | None = None,
     ball_diameter: str | None = None,
-    json_file: output.JsonFile = None,
-) -> None:
+) -> output.Found:
     """Fit mm per pixel in x and y, rotation and centre of a camera.
 
     Example: tacauchy-rig calibrate scale target.png --target dots:columns=7,rows=5,pitch=2mm
@@ -126,7 +124,7 @@ def scale(
         "height_px": geometry.height,
         "points": points,
     }
-    output.write_json(json_file, found)
+    return output.Found(found)
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
@@ -235,8 +233,7 @@ def material(
     contact_force: str = "0N",
     overrides: output.Overrides = None,
     jobs: output.Jobs = 1,
-    json_file: output.JsonFile = None,
-) -> None:
+) -> output.Found:
     """Fit E, nu and friction of a gel to forces at known depths, with 95 % intervals.
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
@@ -310,8 +307,7 @@ def material(
         "relaxation": terms,
         "contradictions": wrong,
     }
-    output.write_json(json_file, found)
-    raise typer.Exit(1 if wrong else 0)
+    return output.Found(found, passed=not wrong)
 
 
 def _write(
@@ -362,8 +358,7 @@ def optics(
     folds: Annotated[int, typer.Option(min=2)] = 7,
     outputs: Path | None = None,
     jobs: output.Jobs = 2,
-    json_file: output.JsonFile = None,
-) -> None:
+) -> output.Found:
     """Fit the optics to ball presses, cross-validate, and write a calibration file.
 
     Example: tacauchy-rig calibrate optics presses --ball-diameter 4.70mm --out optics.npz
@@ -423,7 +418,7 @@ def optics(
     if run is not None:
         keep_optics(run, request, result)
         output.say(f"next: {command_line('replay', folder, '--optics', request.out)}")
-    output.write_json(json_file, result)
+    return output.Found(result)
 
 
 def _write_outputs(

@@ -5,12 +5,12 @@ from pathlib import Path
 import typer
 from rich.table import Table
 
-from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, console, say, write_json
+from tacauchy_rig.app.cli.output import ConfigFile, Found, Overrides, console, say
 from tacauchy_rig.core import tables
 from tacauchy_rig.core.store.atomic_write import writing
 
 
-def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFile = None) -> None:
+def show(path: ConfigFile = None, overrides: Overrides = None) -> Found:
     """List every field with its value and origin; refuse settings that cannot be replayed.
 
     Example: tacauchy-rig config show rig.toml
@@ -30,10 +30,10 @@ def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFi
         {"field": field, "value": value, "source": loaded.sources[field]}
         for field, value in loaded.written.items()
     ]
-    write_json(json_file, {"config_hash": loaded.config_hash, "fields": fields})
+    return Found({"config_hash": loaded.config_hash, "fields": fields})
 
 
-def example(out: Path | None = None, *, json_file: JsonFile = None) -> None:
+def example(out: Path | None = None) -> Found:
     """Write the commented example for a real rig.
 
     Example: tacauchy-rig config example rig.toml
@@ -49,10 +49,10 @@ def example(out: Path | None = None, *, json_file: JsonFile = None) -> None:
         with writing(out), out.open("x", encoding="utf-8") as file:
             file.write(example_text())
         say(f"wrote {out}; fill in the values of your devices, then: tacauchy-rig doctor {out}")
-    write_json(json_file, {"file": out, "text": example_text()})
+    return Found({"file": out, "text": example_text()})
 
 
-def show_ceilings(json_file: JsonFile = None) -> None:
+def show_ceilings() -> Found:
     """Print the limits of each value on any rig, and why.
 
     Example: tacauchy-rig config ceilings
@@ -72,4 +72,4 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     )
     facts = {"ceilings": table, "depth_share": DEPTH_SHARE, "moduli": PRESSURE_MODULI}
     typer.echo(page("tacauchy_rig.app.cli", "ceilings.md.jinja", facts), nl=False)
-    write_json(json_file, {"ceilings": dict(ceilings())})
+    return Found({"ceilings": dict(ceilings())})

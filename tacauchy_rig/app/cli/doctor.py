@@ -2,19 +2,13 @@
 
 from pathlib import Path
 
-import typer
-
-from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, say, write_json
+from tacauchy_rig.app.cli.output import ConfigFile, Found, Overrides, say
 from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus
 
 
 def doctor(
-    path: ConfigFile = None,
-    *,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-    host_only: bool = False,
-) -> None:
+    path: ConfigFile = None, *, overrides: Overrides = None, host_only: bool = False
+) -> Found:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves.
 
     Example: tacauchy-rig doctor rig.toml
@@ -45,8 +39,7 @@ def doctor(
         say("emulated devices are started by the run itself, so there is nothing to check of them")
     failed = [check for check in checks if check.status is CheckStatus.FAIL]
     say(f"{len(checks)} checks, {len(failed)} failed")
-    write_json(json_file, {"checks": checks, "passed": not failed})
-    raise typer.Exit(1 if failed else 0)
+    return Found({"checks": checks, "passed": not failed}, passed=not failed)
 
 
 def _show(check: CheckResult) -> None:
@@ -60,13 +53,7 @@ USUAL_N = 2.0
 """Force of the press: enough to measure modulus and image, and harmless to any gel."""
 
 
-def check_press(
-    before: Path,
-    path: Path | None = None,
-    *,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-) -> None:
+def check_press(before: Path, path: Path | None = None, *, overrides: Overrides = None) -> Found:
     """Press once and report whether the sensor has changed since an earlier run.
 
     Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
@@ -92,5 +79,5 @@ def check_press(
             f"(limit {scale * each.limit:g}{unit}){'  <-' if each.counts else ''}"
         )
     say(f"{state.advice.value}: {state.reason}")
-    write_json(json_file, {"before": str(before), "now": str(folder), "state": state})
-    raise typer.Exit(0 if state.advice is Advice.KEEP else 1)
+    content = {"before": str(before), "now": str(folder), "state": state}
+    return Found(content, passed=state.advice is Advice.KEEP)

@@ -11,14 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.emulators.faults import Device, parse_fault, written_faults
-from tacauchy_rig.app.cli.output import (
-    ConfigFile,
-    JsonFile,
-    Overrides,
-    say,
-    writable_folder,
-    write_json,
-)
+from tacauchy_rig.app.cli import output
 from tacauchy_rig.core.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -26,13 +19,13 @@ if TYPE_CHECKING:
 
 
 def start(
-    path: ConfigFile = None,
+    path: output.ConfigFile = None,
     *,
     devices: Annotated[list[Device] | None, typer.Option("--device")] = None,
     folder: Path | None = None,
     follow: str | None = None,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
+    overrides: output.Overrides = None,
+    json_file: output.JsonFile = None,
 ) -> None:
     """Start emulated devices and serve until Ctrl-C.
 
@@ -65,22 +58,22 @@ def start(
             "camera_url": (Device.CAMERA, camera.device),
         }
         found = {name: at if device in chosen else None for name, (device, at) in places.items()}
-        say(f"emulation folder  {place}")
+        output.say(f"emulation folder  {place}")
         if Device.ROBOT in chosen:
-            say(f'[robot]           driver = "ur5"     host = "{robot.host}"')
-            say(f'                  model = "{robot.model}"')
+            output.say(f'[robot]           driver = "ur5"     host = "{robot.host}"')
+            output.say(f'                  model = "{robot.model}"')
         if Device.FORCE_SENSOR in chosen:
-            say(f'[force_sensor]    driver = "m3733c"  port = "{cell.port}"')
+            output.say(f'[force_sensor]    driver = "m3733c"  port = "{cell.port}"')
         if Device.CAMERA in chosen:
-            say(f'[camera]          driver = "uvc"     device = "{camera.device}"')
-            say(f"                  width = {camera.width}  height = {camera.height}")
-            say(f'                  rate = "{camera.rate:g} Hz"')
+            output.say(f'[camera]          driver = "uvc"     device = "{camera.device}"')
+            output.say(f"                  width = {camera.width}  height = {camera.height}")
+            output.say(f'                  rate = "{camera.rate:g} Hz"')
             for name, value in emulation.preloaded.items():
-                say(f"for programs that open it: export {name}={value}")
+                output.say(f"for programs that open it: export {name}={value}")
         pids = {name: process.process.pid for name, process in emulation.processes.items()}
-        write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
-        say("a whole rig.toml around these lines: docs/reference/devices.md")
-        say("ready; Ctrl-C ends the emulated devices")
+        output.write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
+        output.say("a whole rig.toml around these lines: docs/reference/devices.md")
+        output.say("ready; Ctrl-C ends the emulated devices")
         _serve(emulation, stop)
 
 
@@ -90,7 +83,7 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
         for name, process in emulation.processes.items():
             if name not in gone and process.process.poll() is not None:
                 gone.add(name)
-                say(f"emulated {name} ended with status {process.process.returncode}")
+                output.say(f"emulated {name} ended with status {process.process.returncode}")
         if len(gone) == len(emulation.processes):
             raise DeviceError("every emulated device has ended", remedy="start them again")
 
@@ -103,8 +96,7 @@ def presses(
     seed: Annotated[int, typer.Option(min=0)] = 7,
     first: Annotated[int, typer.Option(min=1)] = 1,
     noise_free: bool = False,
-    json_file: JsonFile = None,
-) -> None:
+) -> output.Found:
     """Write ball presses of an emulated sensor, to rehearse a calibration.
 
     Example: tacauchy-rig emulate presses --out presses --count 40
@@ -117,33 +109,30 @@ def presses(
         first: Number of the first press: 41 continues after 40.
         noise_free: Without noise and JPEG; prints what they would add.
     """
-    from drivers.emulators.plant.ball_presses import (
-        BALL_DIAMETER_M,
-        frame_noise,
-        write_ball_presses,
-    )
+    from drivers.emulators.plant import ball_presses
     from drivers.emulators.plant.truth import draw_truth
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.core.time_limit_and_progress import doing
 
     known = load_sensor(sensor)
-    writable_folder(out)
+    output.writable_folder(out)
     truth = draw_truth(seed, unit=emulated_unit(known))
     with doing("pressing balls into the emulated gel"):
-        write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
+        ball_presses.write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
     x, y = known.camera.scale_x_m, known.camera.scale_y_m
-    say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
-    say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
+    ball_mm = ball_presses.BALL_DIAMETER_M * 1e3
+    output.say(f"{count} presses of a {ball_mm:.2f} mm ball on an emulated {known.title}")
+    output.say(f"--ball-diameter {ball_mm:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
     found = None
     if noise_free:
-        found = frame_noise(truth, count=count, first=first)
-        say(
+        found = ball_presses.frame_noise(truth, count=count, first=first)
+        output.say(
             f"left out, inside the contacts: noise of {found.noise:.2f} grey levels on average, "
             f"{found.recorded:.2f} with the stream's JPEG"
         )
-    say(f"folder {out}")
-    write_json(json_file, {"folder": out, "presses": count, "first": first, "left_out": found})
+    output.say(f"folder {out}")
+    return output.Found({"folder": out, "presses": count, "first": first, "left_out": found})
 
 
 def fault(
@@ -157,9 +146,7 @@ def fault(
             + " ".join(f"{device}: {written_faults(device)}." for device in Device),
         ),
     ],
-    *,
-    json_file: JsonFile = None,
-) -> None:
+) -> output.Found:
     """Send a fault to a running emulated device.
 
     Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
@@ -170,5 +157,5 @@ def fault(
     from drivers.emulators.process import post_fault
 
     post_fault(folder, parse_fault(text))
-    say(f"sent to {folder}: {text}")
-    write_json(json_file, {"folder": folder, "fault": text})
+    output.say(f"sent to {folder}: {text}")
+    return output.Found({"folder": folder, "fault": text})

@@ -11,14 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.scene.scene import Drive, Preset
-from tacauchy_rig.app.cli.output import (
-    JsonFile,
-    Overrides,
-    complain,
-    say,
-    writable_folder,
-    write_json,
-)
+from tacauchy_rig.app.cli.output import Found, Overrides, complain, say, writable_folder
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.time_limit_and_progress import doing, heard
 
@@ -31,13 +24,8 @@ if TYPE_CHECKING:
 
 @doing("importing")
 def import_(
-    source: Path,
-    *,
-    out: Path = Path("runs"),
-    init: bool = False,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-) -> None:
+    source: Path, *, out: Path = Path("runs"), init: bool = False, overrides: Overrides = None
+) -> Found | None:
     """Make a run folder from other recordings; what they do not state stays unknown.
 
     Example: tacauchy-rig import presses --init, then tacauchy-rig import presses --out runs
@@ -55,7 +43,7 @@ def import_(
         for question in guesses.asked:
             say(f"  check {question}")
         say(f"next: {command_line('import', source)}")
-        return
+        return None
     from tacauchy_rig.app.importing.importer import import_run
 
     store = import_run(source, parent=out, overrides=overrides or (), check=_check)
@@ -67,7 +55,7 @@ def import_(
     say(f"run folder {store.paths.root}")
     say(f"next: {command_line('calibrate', 'optics', store.paths.root)} if balls were pressed, or")
     say(f"      {command_line('replay', store.paths.root)}")
-    write_json(json_file, {"run": str(store.paths.root), "imported": imported})
+    return Found({"run": str(store.paths.root), "imported": imported})
 
 
 def _check(config: RigConfig) -> None:
@@ -95,8 +83,7 @@ def judge(
     ours_folder: Annotated[Path | None, typer.Option("--ours")] = None,
     baselines: Annotated[list[Baseline] | None, typer.Option("--baseline")] = None,
     is_task: Annotated[bool, typer.Option("--task")] = False,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found | None:
     """Score other simulators beside ours, with the floors and the ceiling of a report.
 
     Example: tacauchy-rig judge theirs --run runs/20261123-dry-run --out judged
@@ -122,7 +109,7 @@ def judge(
     if is_task:
         write_task(writable_folder(out), reading, evidence)
         say(f"wrote the task of {len(evidence.trials)} presses to {out}")
-        return
+        return None
     written = [_write_baseline(each, reading, out) for each in dict.fromkeys(baselines or ())]
     others = read_folders([*(folders or ()), *written], evidence)
     if ours_folder is None:
@@ -142,7 +129,7 @@ def judge(
             )
     paths = write_judgement(judgement, out)
     say(f"page {paths.html.resolve()}")
-    write_json(json_file, json.loads(paths.json.read_text("utf-8")))
+    return Found(json.loads(paths.json.read_text("utf-8")))
 
 
 def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:

@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
@@ -189,60 +189,70 @@ def _told(given: inspect.Parameter, metavar: str, told: str) -> inspect.Paramete
     return given.replace(annotation=Annotated[kind, made])
 
 
-def documented(command: Callable[..., None]) -> Callable[..., None]:
+class Found(NamedTuple):
+    """What a command found, for ``--json FILE``, and whether that is as it should be."""
+
+    content: Any
+    passed: bool = True
+
+
+def documented(command: Callable[..., Any]) -> Callable[..., None]:
     """Give a command's parameters the help that its docstring has of them.
 
     What stands below ``Args`` as ``name (METAVAR): help`` is an argument, or an option of that name
     where the parameter is given by keyword only; a flag has no opposite. An annotation says what
-    else there is to say, such as another name.
+    else there is to say, such as another name. In place of a parameter that is a dataclass the
+    command has those fields of it as options that the dataclass describes likewise or annotates.
+    A command that returns what it ``Found`` has the option ``--json``, and ends with 0 or 1.
     """
     text, entries = _described(command.__doc__)
     signature = inspect.signature(command, eval_str=True)
-    known = dict(signature.parameters)
-    known |= {name: _told(known[name], *entry) for name, entry in entries.items()}
+    own = dict(signature.parameters)
+    own |= {name: _told(own[name], *entry) for name, entry in entries.items()}
+    named: list[inspect.Parameter] = []
+    records: dict[str, tuple[Any, list[str]]] = {}
+    for each in own.values():
+        if isinstance(each.annotation, type) and is_dataclass(each.annotation):
+            options = _options(each.annotation)
+            records[each.name] = each.annotation, [option.name for option in options]
+            named += options
+        else:
+            named.append(each)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    if records:  # arguments may follow the options of a dataclass
+        named = [each.replace(kind=keyword) for each in named]
+    finds = Found in (signature.return_annotation, *get_args(signature.return_annotation))
+    if finds:
+        named.append(inspect.Parameter("json_file", keyword, default=None, annotation=JsonFile))
 
     @wraps(command)
-    def called(*args: Any, **options: Any) -> None:
-        command(*args, **options)
+    def called(**given: Any) -> None:
+        made = {
+            name: kind(**{option: given.pop(option) for option in options})
+            for name, (kind, options) in records.items()
+        }
+        json_file = given.pop("json_file") if finds else None
+        found = command(**given, **made)
+        if isinstance(found, Found):
+            write_json(json_file, found.content)
+            raise typer.Exit(0 if found.passed else 1)
 
     called.__doc__ = text
-    called.__annotations__ = {each.name: each.annotation for each in known.values()}
-    called.__signature__ = signature.replace(parameters=list(known.values()))  # type: ignore[attr-defined]
+    called.__annotations__ = {each.name: each.annotation for each in named}
+    called.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
     return called
 
 
-def takes(
-    record: type, *, described: str | None = None
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command fields of a dataclass as options; it takes them as its first argument.
-
-    Typer reads a command's options from its signature, which is put together here. Options are the
-    fields that are described as in ``documented``, and those that are annotated with one.
-
-    Args:
-        described: The docstring that describes them; the dataclass's own if absent.
-    """
-    kinds, shared = get_type_hints(record, include_extras=True), []
-    _, entries = _described(described or record.__doc__)
+def _options(record: type) -> list[inspect.Parameter]:
+    """Return the options that fields of a dataclass are; Typer fills in the context."""
+    kinds, (_, entries) = get_type_hints(record, include_extras=True), _described(record.__doc__)
+    found = []
     for each in fields(record):
         default = inspect.Parameter.empty if each.default is MISSING else each.default
         keyword, kind = inspect.Parameter.KEYWORD_ONLY, kinds[each.name]
-        named = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
+        option = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
         if each.name in entries:
-            named = _told(named, *entries[each.name])
-        if get_origin(named.annotation) is Annotated:
-            shared.append(named)
-
-    def with_options(command: Callable[..., None]) -> Callable[..., None]:
-        _, *own = inspect.signature(command, eval_str=True).parameters.values()
-
-        @wraps(command)
-        def called(*args: Any, **options: Any) -> None:
-            given = {each.name: options.pop(each.name, each.default) for each in shared}
-            command(record(**given), *args, **options)
-
-        named = [*shared, *(each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own)]
-        called.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
-        return called
-
-    return with_options
+            found.append(_told(option, *entries[each.name]))
+        elif kind is typer.Context or get_origin(kind) is Annotated:
+            found.append(option)
+    return found

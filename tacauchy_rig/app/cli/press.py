@@ -11,7 +11,7 @@ import typer
 
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Drive, Output, Preset, Scene, SceneTerms
-from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, takes, write_json
+from tacauchy_rig.app.cli.output import Found, JsonFile, complain, say, show_table, write_json
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
@@ -33,9 +33,10 @@ OutputOption = Annotated[
 ]
 
 
-states_a_scene = takes(
-    SceneTerms,
-    described=f"""A scene.
+class StatedScene(SceneTerms):
+    """A scene that options state."""
+
+    __doc__ = f"""A scene.
 
     Args:
         indenter: cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE (and
@@ -63,14 +64,11 @@ states_a_scene = takes(
             are left out. For other outputs add shear=5% and the like, joined by commas.
         effect (NAME=on): Switch an effect NAME=on or NAME=off against the plan; may be repeated.
         drive (DRIVE): How a force is reached: {" or ".join(Drive)}.
-    """,
-)
-"""Gives a command the options of a scene; their values are its first argument."""
+    """
 
 
-@states_a_scene
 def press(
-    terms: SceneTerms,
+    terms: StatedScene,
     *,
     device: str = "cpu",
     estimate_error: Annotated[bool, typer.Option("--estimate-error/--no-estimate-error")] = True,
@@ -127,8 +125,7 @@ def press(
             say("no image, height map or markers: a bare pad has no camera; name a --sensor")
 
 
-@states_a_scene
-def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
+def plan(terms: StatedScene, output: OutputOption = None) -> Found:
     """Print mesh and effects that a press would be simulated with, and why.
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
@@ -167,8 +164,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     say(f"cost       {about or 'not known'}; `press` estimates the error of its {judged.value}")
     for other in others:
         say(f"{other.role:10} {other}")
-    write_json(
-        json_file,
+    return Found(
         {
             "preset": str(setting_of(scene)),
             "effects": planned.as_json(),
@@ -178,7 +174,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "tried_s": planned.tried_s,
             "time_over_fast": worth and worth.time_ratio,
             "alternatives": [asdict(other) for other in others],
-        },
+        }
     )
 
 

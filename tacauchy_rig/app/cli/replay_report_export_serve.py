@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 
 from sim.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.app.cli.live_viewing import open_in_browser, tell
-from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json
+from tacauchy_rig.app.cli.output import Found, RunFolder, complain, say
 from tacauchy_rig.app.exporting.formats import Format
 from tacauchy_rig.app.exporting.formats import export as write
 from tacauchy_rig.core.errors import AbortedError, command_line
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from protocols.processes.child_process import Viewing
     from reports.evidence.frames_and_curves import RunReading
     from tacauchy_rig.app.replay.chosen_optics import Calibrate
-    from tacauchy_rig.core.simulated import MarkerMotion, Replay
+    from tacauchy_rig.core.simulated import Replay
     from tacauchy_rig.core.store.check.run_and_press_check import RunCheck
     from tacauchy_rig.core.store.recovery import RunRecovery
 
@@ -33,8 +32,7 @@ def replay(
     tolerance: str | None = None,
     optics: Path | None = None,
     watch: bool = False,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found | None:
     """Simulate the trials of a run again and write its report.
 
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
@@ -61,13 +59,13 @@ def replay(
         complain_of(check_run(run.store))
     if watch:
         _watch(run, optics)
-        return
+        return None
     with worker_process() as worker:
         calibrate = emulated_calibration(run.store)
         if optics is None:
             calibrate = begin_calibration(run.store, worker)
         replay_and_show(run, calibrate, tolerance=kept, optics=optics)
-    report_and_exit(run, json_file)
+    return reported(run)
 
 
 def _watch(run: RunReading, given: Path | None) -> None:
@@ -87,17 +85,17 @@ def _watch(run: RunReading, given: Path | None) -> None:
         say(f"page {watch_run(run, optics=optics).resolve()}")
 
 
-def report(folder: RunFolder, json_file: JsonFile = None) -> None:
+def report(folder: RunFolder) -> Found:
     """Write the report of a run again from its recording and replay.
 
     Example: tacauchy-rig report runs/20261123-gelsight-mini
     """
     from tacauchy_rig.app.replay.open_run import open_run
 
-    report_and_exit(open_run(folder), json_file)
+    return reported(open_run(folder))
 
 
-def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
+def recover(folder: RunFolder) -> Found:
     """Repair interrupted recordings and check a run's files; exit code 1 if something is lost.
 
     Example: tacauchy-rig recover runs/20261123-gelsight-mini
@@ -109,8 +107,7 @@ def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
     say_recovered(recovery)
     if recovery.is_whole and not any(report.changed for report in recovery.recordings):
         say(f"{folder}: journal, results and recordings are whole and agree")
-    write_json(json_file, recovery)
-    raise typer.Exit(0 if recovery.is_whole else 1)
+    return Found(recovery, passed=recovery.is_whole)
 
 
 def say_recovered(recovery: RunRecovery) -> None:
@@ -150,25 +147,28 @@ def replay_and_show(
         tell(page, "analysing", text.strip())
 
     try:
-        with told(show), doing("replay"):
+        with told(show), heard(show), doing("replay"):
             from tacauchy_rig.app.replay.replay import replay_run
 
-            replay = replay_run(
-                run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
-            )
+            replay = replay_run(run, tolerance=tolerance, optics_file=optics, calibrate=calibrate)
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",
             remedy=f"`{command_line('replay', run.store.paths.root)}` continues it",
         ) from None
-    _say_markers([each for model in replay.models for each in model.markers if each.tracked])
+    for found in (each for model in replay.models for each in model.markers if each.tracked):
+        lengths_m = found.recorded_largest_m, found.simulated_largest_m, found.apart_rms_m
+        recorded, simulated, apart = (f"{(each or 0.0) * 1e3:.3f} mm" for each in lengths_m)
+        say(
+            f"  markers of trial {found.trial}: {found.tracked} tracked, moved {recorded} at most, "
+            f"the simulated ones {simulated}; {apart} apart rms, "
+            f"{found.apart_median_px or 0.0:.2f} px in the median"
+        )
     _say_cost(replay)
 
 
-def report_and_exit(
-    run: RunReading, json_file: Path | None, *, page: Viewing | None = None
-) -> None:
-    """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
+def reported(run: RunReading, *, page: Viewing | None = None) -> Found:
+    """Write the report of a run, say where it is, and return its summary."""
     from tacauchy_rig.app.replay.report_run import report_run
 
     say("writing the report")
@@ -179,8 +179,7 @@ def report_and_exit(
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
     say(f"next: {command_line('serve', run.store.paths.root.parent)} shows it beside other runs")
-    write_json(json_file, json.loads(paths.summary.read_text("utf-8")))
-    raise typer.Exit(0 if report.passed else 1)
+    return Found(json.loads(paths.summary.read_text("utf-8")), passed=report.passed)
 
 
 def _say_cost(replay: Replay) -> None:
@@ -197,20 +196,6 @@ def _say_cost(replay: Replay) -> None:
         say(f"  {line}")
 
 
-def _say_markers(markers: Sequence[MarkerMotion]) -> None:
-    for found in markers:
-        say(
-            f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
-            f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
-            f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms, "
-            f"{found.apart_median_px or 0.0:.2f} px in the median"
-        )
-
-
-def _mm(length_m: float | None) -> str:
-    return f"{(length_m or 0.0) * 1e3:.3f}"
-
-
 def export(
     source: Path,
     out: Path,
@@ -218,8 +203,7 @@ def export(
     to: Format = Format.CSV,
     sensor: str = "gelsight-mini",
     background: Path | None = None,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Export runs, data sets, presses, calibrations and sensors to other programs.
 
     Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
@@ -238,7 +222,7 @@ def export(
     written = sorted(path for path in out.rglob("*") if path.is_file())
     size_mb = sum(path.stat().st_size for path in written) / 1e6
     say(f"wrote {len(written)} files, {size_mb:.1f} MB, to {out}")
-    write_json(json_file, {"files": written})
+    return Found({"files": written})
 
 
 def serve(

@@ -15,12 +15,12 @@ import typer
 from drivers.device_checks import require_devices
 from tacauchy_rig.app.cli import output
 from tacauchy_rig.app.cli.live_viewing import TWIN_WORDS, port_of, told_of_errors, viewers_of
-from tacauchy_rig.core.config.load import LoadedConfig, default_text, load_config, resumed_config
+from tacauchy_rig.core.config.load import default_text, load_config, resumed_config
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.doctor_check import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.known_weight import Weight, parse_weight
-from tacauchy_rig.core.run import Outcome
+from tacauchy_rig.core.run import ExpectedPress, Outcome
 from tacauchy_rig.core.time_limit_and_progress import doing
 
 if TYPE_CHECKING:
@@ -57,7 +57,6 @@ class Request:
             ``--check-weight`` no mass.
     """
 
-    json_file: output.JsonFile = None
     press_only: bool = False
     check_weight: str | None = None
     page: str = "auto"
@@ -90,43 +89,39 @@ class Request:
         return None if self.check_weight is None else parse_weight(self.check_weight)
 
 
-@output.takes(Request)
-def dry_run(request: Request, overrides: output.Overrides = None) -> None:
+def dry_run(request: Request, overrides: output.Overrides = None) -> output.Found:
     """Make six presses on emulated hardware, replay them and report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
     """
-    loaded = load_config(None, overrides=overrides or ())
-    if loaded.config.moves_real_hardware:
+    config = load_config(None, overrides=overrides or ()).config
+    if config.moves_real_hardware:
         raise AbortedError(
-            f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
+            f"a dry run never moves a real arm, but robot.driver is {config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    store = _created(loaded, default_text(), press_only=request.press_only)
-    _press_and_report(store, store.config, request)
+    store = _created(None, overrides or (), press_only=request.press_only)
+    return _press_and_report(store, store.config, request)
 
 
-@output.takes(Request)
 def run(
     request: Request, path: output.RequiredConfigFile, overrides: output.Overrides = None
-) -> None:
+) -> output.Found:
     """Make the presses of a configuration, replay them and report.
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
-    loaded = load_config(path, overrides=overrides or ())
-    store = _created(loaded, path.read_text("utf-8"), press_only=request.press_only)
-    _press_and_report(store, store.config, request)
+    store = _created(path, overrides or (), press_only=request.press_only)
+    return _press_and_report(store, store.config, request)
 
 
-@output.takes(Request)
 def resume(
     request: Request,
     folder: output.RunFolder,
     *,
     overrides: output.Overrides = None,
     again: list[int] | None = None,
-) -> None:
+) -> output.Found:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
 
     Example: tacauchy-rig resume runs/20261123-gelsight-mini
@@ -159,7 +154,7 @@ def resume(
     for change in changes:
         output.say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(
+    return _press_and_report(
         store, config, replace(request, again=frozenset(again or ()), is_whole=recovery.is_whole)
     )
 
@@ -177,9 +172,7 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
     if path is not None and path.is_dir():
         return RunStore.open(path)
-    loaded = load_config(path, overrides=overrides)
-    text = default_text() if path is None else path.read_text("utf-8")
-    store = _created(loaded, text, press_only=True)
+    store = _created(path, overrides, press_only=True)
     result = _press_confirmed(store, store.config, Request(page="off", press_only=True))
     if result.exit_code:
         raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
@@ -187,9 +180,12 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
 
 @doing("preparing the run")
-def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
+def _created(path: Path | None, overrides: Sequence[str], *, press_only: bool) -> RunStore:
+    """Make a run's folder of a configuration, the dry run's if there is no file."""
     from tacauchy_rig.app.session.record_run_and_weight_check import create_run
 
+    loaded = load_config(path, overrides=overrides)
+    text = default_text() if path is None else path.read_text("utf-8")
     _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
     store = create_run(loaded, text)
@@ -212,9 +208,9 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
         check_replay(config)
 
 
-def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
+def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> output.Found:
     from tacauchy_rig.app.cli.emulated_calibration import begin_calibration
-    from tacauchy_rig.app.cli.replay_report_export_serve import replay_and_show, report_and_exit
+    from tacauchy_rig.app.cli.replay_report_export_serve import replay_and_show, reported
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.core.parallel import worker_process
 
@@ -235,7 +231,7 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
             calibrate = begun[0] if begun else begin_calibration(store, worker)
             reading = open_run(store.paths.root)
             replay_and_show(reading, calibrate, page=result.page)
-            report_and_exit(reading, request.json_file, page=result.page)
+            return reported(reading, page=result.page)
 
 
 def _press_confirmed(
@@ -243,35 +239,29 @@ def _press_confirmed(
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator_prompts import confirm
-    from tacauchy_rig.app.session.record_run_and_weight_check import (
-        kept_expectation,
-        missed_lines,
-        needs_weight,
-        require_bounded_force,
-        standing_check,
-    )
+    from tacauchy_rig.app.session import record_run_and_weight_check as session
 
-    if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
+    if request.weight is None and session.needs_weight(config) and config.force_sensor.is_emulated:
         request = replace(request, check_weight=EMULATED_WEIGHT)  # hung without a hand
     if request.weight is None:
-        require_bounded_force(store, config)
-        if note := standing_check(store):
+        session.require_bounded_force(store, config)
+        if note := session.standing_check(store):
             output.say(note)
     elif not config.force_sensor.is_emulated:  # while the person who called this is still there
-        _check_force(store, config, request.weight, None)
+        _check_force(store, config, request.weight)
     with doing("computing the force expected of the gel"):
-        expected = kept_expectation(store)  # here, so that what is confirmed moves at once
+        expected = session.kept_expectation(store)  # here, so that what is confirmed moves at once
     made = expected.made if expected else "unknown; the arm's estimate and the camera are left"
     output.say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, request, on_start)
+    result = press(store, config, request, expected, on_start)
     resumed = f"`{command_line('resume', store.paths.root)}`"
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
         remedy = f"{result.remedy or f'{resumed} continues'}\n  -> run folder {store.paths.root}"
         raise error(result.reason, remedy=remedy)
-    for line in missed_lines(result.records):
+    for line in session.missed_lines(result.records):
         output.complain(line)
     if result.outcome is Outcome.FAILED:
         output.complain(f"{result.reason}\n  -> {resumed} repeats them")
@@ -279,31 +269,40 @@ def _press_confirmed(
 
 
 def press(
-    store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
+    store: RunStore,
+    config: RigConfig,
+    request: Request,
+    expected: ExpectedPress | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
-    """Run the session of a run folder, with its emulated devices if it has any.
+    """Press every trial without a passed attempt, on emulated devices if the run has any.
+
+    A real arm moves, and nothing here asks whether it may. Ctrl-C, SIGTERM and a lost terminal end
+    the session.
 
     Args:
-        config: Its configuration, with what was changed since it began.
+        config: The run's configuration, with what was changed since it began.
+        expected: Force against depth that the gel should give; None if unknown.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.guard.abort import AbortWatch
     from protocols.processes.child_process import listen
     from protocols.processes.ipc import PageOptions
+    from protocols.processes.supervisor import run_session
     from protocols.trials.trial_sequence import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
     from tacauchy_rig.app.cli.live_viewing import contact_outline
     from tacauchy_rig.app.cli.session_progress import SessionProgress
-    from tacauchy_rig.app.session.record_run_and_weight_check import kept_expectation, record_run
+    from tacauchy_rig.app.session.record_run_and_weight_check import require_bounded_force
 
     port = request.page_port
     if port:  # one that is taken is refused before anything is started for nothing
         listen(port).close()
     viewers = viewers_of(twin=TWIN_WORDS[request.twin], foxglove=request.foxglove_port)
     chosen = emulated_devices(config)
-    played = store.paths.emulation if chosen else None
     with ExitStack() as stack:
         running = config
         if chosen:
@@ -316,27 +315,29 @@ def press(
                 follow_host=follow,
                 unit=emulated_unit(sensor, markers=config.emulation.markers),
             )
-            stack.callback(emulation.stop)
             output.say(f"starting emulated {', '.join(sorted(chosen))}")
-            running = emulation.start()
+            running = stack.enter_context(emulation).running
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         if request.weight is None or config.force_sensor.is_emulated:
-            _check_force(store, running, request.weight, played)
+            _check_force(store, running, request.weight)
         if on_start is not None:
             on_start()
         progress = SessionProgress(
             config,
             plan=plan_session(store, again=request.again),
-            expected=kept_expectation(store),
+            expected=expected,
             open_page=request.open_page,
         )
         page = None if port is None else PageOptions(port=port, outline=contact_outline(config))
-        with progress:
-            result = record_run(
+        require_bounded_force(store, running)
+        with progress, AbortWatch() as watch:
+            result = run_session(
                 store,
                 running,
                 on_event=progress,
+                abort=watch.abort,
+                expected=expected,
                 again=request.again,
                 page=page,
                 viewers=viewers,
@@ -344,16 +345,14 @@ def press(
             )
         if result.outcome is Outcome.PASSED:
             try:
-                _check_force_after(store, running, request.weight, played)
+                _check_force_after(store, running, request.weight)
             except RigError:
                 with told_of_errors(result.page):
                     raise
         return result
 
 
-def _check_force(
-    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
-) -> None:
+def _check_force(store: RunStore, config: RigConfig, weight: Weight | None) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
     from tacauchy_rig.app.cli.operator_prompts import ask_for_weight, hang_emulated
     from tacauchy_rig.app.session.record_run_and_weight_check import check_cell, mark_expired
@@ -361,15 +360,13 @@ def _check_force(
     if weight is None:
         mark_expired(store)
         return
-    hangs = emulation is not None and config.force_sensor.is_emulated
-    ask = hang_emulated(weight, emulation) if emulation and hangs else ask_for_weight(weight)
+    is_emulated, folder = config.force_sensor.is_emulated, store.paths.emulation
+    ask = hang_emulated(weight, folder) if is_emulated else ask_for_weight(weight)
     check = check_cell(store, config, weight, ask=ask)
     output.say(f"force checked: {check.finding}")
 
 
-def _check_force_after(
-    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
-) -> None:
+def _check_force_after(store: RunStore, config: RigConfig, weight: Weight | None) -> None:
     """Check the cell once more after the last trial where it had to be, or was, checked before."""
     from tacauchy_rig.app.session.record_run_and_weight_check import ForceCheckError, needs_weight
 
@@ -379,7 +376,7 @@ def _check_force_after(
     if weight is None:
         return
     try:
-        _check_force(store, config, weight, emulation)
+        _check_force(store, config, weight)
     except ForceCheckError as error:
         error.message = f"after the last trial {error.message}. No trial of this run is safe."
         raise

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -31,27 +30,66 @@ if TYPE_CHECKING:
 _UNSAID = ("jobs", "json_file", "resume", "list_only")
 
 
-def study_command(make: Callable[..., Study]) -> Callable[..., None]:
-    """Return a command of a study: its own options first, then those of every study.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRun:
+    """How a study is run, by the options that commands of all studies have.
 
     Args:
-        make: Makes the study of its own options; its docstring is the command's help.
+        only (PATTERN): Select cases by name; `*` matches anything; may be repeated.
+        list_only: List the cases and stop.
+        limit (TIME): A case that takes longer has failed.
+        resume (FILE): JSON of an earlier run, whose results are taken; may be repeated. A case that
+            failed there is measured again if --only names it.
+        out (FILE.md|DIR): Write a page, its figures beside it in images; into DIR also JSON, and
+            figures for print.
     """
-    own = inspect.signature(make, eval_str=True).parameters
-    shared = inspect.signature(output.documented(_run)).parameters
 
-    def command(context: typer.Context, **given: Any) -> None:
-        study = make(**{name: given.pop(name) for name in own})
-        _run(study, said_command(context), **given)
+    context: typer.Context
+    only: list[str] | None = None
+    list_only: Annotated[bool, typer.Option("--list")] = False
+    jobs: output.Jobs = 1
+    limit: str = ""
+    resume: list[Path] | None = None
+    out: Path | None = None
+    json_file: output.JsonFile = None
 
-    named = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
-    options = [*own.values(), *list(shared.values())[2:]]
-    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [named, *(each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in options)]
-    )
-    command.__annotations__ = {each.name: each.annotation for each in (named, *options)}
-    command.__name__, command.__doc__ = make.__name__, make.__doc__
-    return command
+    def measure(self, study: Study) -> None:
+        """Measure the selected cases, show tables, and write page, figures and JSON."""
+        limit_s = None
+        if self.limit:
+            limit_s = parse_quantity(self.limit, dimension=Dimension.TIME, field="--limit")
+        if study.is_together and (self.jobs > 1 or limit_s is not None):
+            raise ConfigError(
+                f"the {study.kind}s of {study.name} go on from one another",
+                remedy="leave out --jobs and --limit",
+            )
+        if self.resume and not study.is_resumable:
+            raise ConfigError(
+                f"{study.name} draws the presses themselves, which JSON does not keep",
+                remedy="leave out --resume",
+            )
+        chosen = selected(
+            study.cases(),
+            [study.pattern(text) for text in self.only or ()],
+            names=lambda case: (case.name, *filter(None, (case.alias,))),
+            kind=study.kind,
+        )
+        if not self.only:
+            chosen = tuple(case for case in chosen if self.list_only or not case.on_request)
+        if self.list_only:
+            for case in chosen:
+                output.say(f"{case.name:22} {case.shows}".rstrip())
+            return
+        kept, out = kept_results(self.resume or [], chosen), self.out
+        if self.only:
+            kept = {name: each for name, each in kept.items() if not each.failure}
+        elif out is None:
+            out = study.page_file
+        page = out if out is None or out.suffix == ".md" else out / f"{study.name}.md"
+        own_json = None if page is None or page == out else page.with_suffix(".json")
+        command = said_command(self.context)
+        runner = _Runner(study, chosen, kept, command, page, own_json, self.json_file)
+        runner.run(self.jobs, limit_s)
 
 
 def said_command(context: typer.Context) -> str:
@@ -67,74 +105,20 @@ def said_command(context: typer.Context) -> str:
     return shlex.join(words)
 
 
-def _run(
-    study: Study,
-    command: str,
-    *,
-    only: list[str] | None = None,
-    list_only: Annotated[bool, typer.Option("--list")] = False,
-    jobs: output.Jobs = 1,
-    limit: str = "",
-    resume: list[Path] | None = None,
-    out: Path | None = None,
-    json_file: output.JsonFile = None,
-) -> None:
-    """Measure the selected cases, show tables, and write page, figures and JSON.
-
-    Args:
-        only (PATTERN): Select cases by name; `*` matches anything; may be repeated.
-        list_only: List the cases and stop.
-        limit (TIME): A case that takes longer has failed.
-        resume (FILE): JSON of an earlier run, whose results are taken; may be repeated. A case that
-            failed there is measured again if --only names it.
-        out (FILE.md|DIR): Write a page, its figures beside it in images; into DIR also JSON, and
-            figures for print.
-    """
-    limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit") if limit else None
-    if study.is_together and (jobs > 1 or limit_s is not None):
-        raise ConfigError(
-            f"the {study.kind}s of {study.name} go on from one another",
-            remedy="leave out --jobs and --limit",
-        )
-    if resume and not study.is_resumable:
-        raise ConfigError(
-            f"{study.name} draws the presses themselves, which JSON does not keep",
-            remedy="leave out --resume",
-        )
-    cases = study.cases()
-    chosen = selected(
-        cases,
-        [study.pattern(text) for text in only or ()],
-        names=lambda case: (case.name, *filter(None, (case.alias,))),
-        kind=study.kind,
-    )
-    if not only:
-        chosen = tuple(case for case in chosen if list_only or not case.on_request)
-    if list_only:
-        for case in chosen:
-            output.say(f"{case.name:22} {case.shows}".rstrip())
-        return
-    kept = kept_results(resume or [], chosen)
-    if only:
-        kept = {name: each for name, each in kept.items() if not each.failure}
-    elif out is None:
-        out = study.page_file
-    _Runner(study, chosen, kept, command, out, json_file).run(jobs, limit_s)
-
-
 @dataclass(slots=True)
 class _Runner:
     study: Study
     cases: Sequence[Case]
     results: dict[str, Result]
     command: str
-    out: Path | None
+    page: Path | None
+    own_json: Path | None  # beside the page; None where figures for print are not asked for either
     json_file: Path | None
 
     def run(self, jobs: int, limit_s: float | None) -> None:
         study, is_cut = self.study, False
-        if self.out is not None:
-            output.writable_folder(self.out.parent if self._page == self.out else self.out)
+        if self.page is not None:
+            output.writable_folder(self.page.parent)
         wanted = [case for case in self.cases if case.name not in self.results]
         found = measured(wanted, jobs=jobs, limit_s=limit_s)
         self._write()
@@ -152,8 +136,13 @@ class _Runner:
         done = self._done
         for table in study.tables(done) if done else ():
             output.show_table(table)
-        for file in self._written(figures=bool(done)):
-            output.say(str(file))
+        if self.page is not None:
+            drawn = self._drawn(self.page) if done else []
+            beside = [file for file in drawn if file.parent == self.page.parent / "images"]
+            self._write([f"images/{file.name}" for file in beside])
+            written = [*(file for file in drawn if file.exists()), self.page, self.own_json]
+            for path in filter(None, written):
+                output.say(str(path))
         if is_cut:
             raise AbortedError("aborted by Ctrl-C")
         raise typer.Exit(0 if study.has_passed(done) else 1)
@@ -163,20 +152,14 @@ class _Runner:
         """The results that are there, in the order of the cases."""
         return [self.results[case.name] for case in self.cases if case.name in self.results]
 
-    @property
-    def _page(self) -> Path | None:
-        if self.out is None or self.out.suffix == ".md":
-            return self.out
-        return self.out / f"{self.study.name}.md"
-
     def _write(self, images: Sequence[str] = ()) -> None:
         """Write page and JSON of what is there, after every case."""
-        done, page = self._done, self._page
+        done = self._done
         if not done:
             return
         about = About(self.command, commit(), len(self.cases) - len(done))
-        if page is not None:
-            output.write_text(page, self.study.page(done, about, images))
+        if self.page is not None:
+            output.write_text(self.page, self.study.page(done, about, images))
         facts = {
             **self.study.facts(done),
             "results": done if self.study.is_resumable else [],
@@ -184,25 +167,8 @@ class _Runner:
             "machine": machine(),
             "versions": versions(),
         }
-        for file in filter(None, (self.json_file, self._own_json)):
+        for file in filter(None, (self.json_file, self.own_json)):
             output.write_json(file, facts)
-
-    @property
-    def _own_json(self) -> Path | None:
-        page = self._page
-        return page.with_suffix(".json") if page is not None and page != self.out else None
-
-    def _written(self, *, figures: bool) -> Iterator[Path]:
-        """Draw the figures, write the page with them, and yield all files."""
-        page = self._page
-        if page is None:
-            return
-        drawn = self._drawn(page) if figures else []
-        pictures = [file for file in drawn if file.parent == page.parent / "images"]
-        self._write([f"images/{file.name}" for file in pictures])
-        yield from (*(file for file in drawn if file.exists()), page)
-        if self._own_json:
-            yield self._own_json
 
     def _drawn(self, page: Path) -> list[Path]:
         from matplotlib import rc_context
@@ -211,17 +177,15 @@ class _Runner:
 
         with ExitStack() as spare, rc_context(FRAMED_STYLE if self.study.is_framed else STYLE):
             folder = page.parent
-            if page == self.out:  # a page alone: figures for print are not asked for
+            if self.own_json is None:
                 folder = Path(spare.enter_context(TemporaryDirectory()))
-            images = page.parent / "images"
             return [
                 file
                 for name, figure in self.study.figures(self._done).items()
-                for file in save_figure(figure, folder, name, page_folder=images)
+                for file in save_figure(figure, folder, name, page_folder=page.parent / "images")
             ]
 
 
-@study_command
 def accuracy(
     *,
     sensor: str = "gelsight-mini",
@@ -230,7 +194,8 @@ def accuracy(
     full: bool = False,
     seed: list[int] | None = None,
     tolerances: bool = False,
-) -> Study:
+    how: StudyRun,
+) -> None:
     """Press with many settings; compare their errors and times.
 
     Example: tacauchy-rig study accuracy --sensor digit --force 2N --out accuracy
@@ -244,7 +209,7 @@ def accuracy(
     from sim.studies.accuracy.study import Accuracy
 
     terms = SceneTerms(indenter=indenter, sensor=sensor, force=force)
-    return Accuracy(terms, _similarity, full=full, seeds=seed or (0,), tolerances=tolerances)
+    how.measure(Accuracy(terms, _similarity, full=full, seeds=seed or (0,), tolerances=tolerances))
 
 
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
@@ -258,19 +223,17 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 
-@study_command
-def hard_cases() -> Study:
+def hard_cases(how: StudyRun) -> None:
     """Simulate hard cases, each in its own process.
 
     Example: tacauchy-rig study hard-cases --only 1 --only 14
     """
     from sim.studies.hard_cases.study import HardCases
 
-    return HardCases()
+    how.measure(HardCases())
 
 
-@study_command
-def effects(*, random: int = 0, seed: int = 0, errors: bool = False) -> Study:
+def effects(*, random: int = 0, seed: int = 0, errors: bool = False, how: StudyRun) -> None:
     """Press scenes with their planned effects and with all; compare outputs and times.
 
     A scene has 60 s if --limit is not given; one that takes longer is left, and named.
@@ -284,24 +247,25 @@ def effects(*, random: int = 0, seed: int = 0, errors: bool = False) -> Study:
     """
     from sim.studies.effects.study import Effects
 
-    return Effects(count=random, seed=seed, errors=errors)
+    how.measure(Effects(count=random, seed=seed, errors=errors))
 
 
-@study_command
-def verify() -> Study:
+def verify(how: StudyRun) -> None:
     """Compare presses with known solutions; takes minutes.
 
     Example: tacauchy-rig study verify --only punch --only hertz
     """
     from sim.studies.verification import Verification
 
-    return Verification()
+    how.measure(Verification())
 
 
-@study_command
 def modes(
-    *, indenter: str = "cylinder:diameter=5mm,fillet=0.5mm", preset: Preset = Preset.FAST
-) -> Study:
+    *,
+    indenter: str = "cylinder:diameter=5mm,fillet=0.5mm",
+    preset: Preset = Preset.FAST,
+    how: StudyRun,
+) -> None:
     """Press, slide and twist on a GelSight Mini; press a ball into three sensors; draw both.
 
     Example: tacauchy-rig study modes --out modes
@@ -311,11 +275,12 @@ def modes(
     """
     from sim.studies.modes.study import Modes
 
-    return Modes(indenter, preset)
+    how.measure(Modes(indenter, preset))
 
 
-@study_command
-def objects(*, sensors: str = "gelsight-mini,digit", preset: Preset = Preset.FAST) -> Study:
+def objects(
+    *, sensors: str = "gelsight-mini,digit", preset: Preset = Preset.FAST, how: StudyRun
+) -> None:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images.
 
     Example: tacauchy-rig study objects --out objects
@@ -325,13 +290,15 @@ def objects(*, sensors: str = "gelsight-mini,digit", preset: Preset = Preset.FAS
     """
     from sim.studies.objects.study import Objects
 
-    return Objects(sensors, preset)
+    how.measure(Objects(sensors, preset))
 
 
-@study_command
 def paper(
-    *, benchmarks: Path = Path("docs/results/benchmarks"), report: list[Path] | None = None
-) -> Study:
+    *,
+    benchmarks: Path = Path("docs/results/benchmarks"),
+    report: list[Path] | None = None,
+    how: StudyRun,
+) -> None:
     """Compare every number of the paper with ours: its model, benchmarks, reports.
 
     Example: tacauchy-rig study paper --out paper
@@ -347,10 +314,9 @@ def paper(
     if report:
         kept = json.dumps([of_run(run) for run in report], indent=1)
         output.write_text(benchmarks / REPORTS_FILE, f"{kept}\n")
-    return Paper(benchmarks)
+    how.measure(Paper(benchmarks))
 
 
-@study_command
 def bench(
     *,
     sensor: str = "gelsight-mini",
@@ -363,7 +329,8 @@ def bench(
     images: bool = False,
     reference: bool = False,
     against: Path | None = None,
-) -> Study:
+    how: StudyRun,
+) -> None:
     """Time images, a replay, batches and scenes; takes minutes.
 
     --only takes a part of a name: a part of the benchmark, or scenes.
@@ -391,7 +358,7 @@ def bench(
     alone = [Manner(tolerance=each, device=device) for each in tolerances or ("5%",)]
     batches = [Manner(device=device, environments=count) for count in environments or ()]
     manners = [replace(each, images=images) for each in batches or alone]
-    return Bench(
+    study = Bench(
         terms=SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST),
         forces_n=load_config(None).config.protocol.force_targets,
         make_images=replay_images,
@@ -401,3 +368,4 @@ def bench(
         reference=reference,
         against=against or REFERENCE_FILE,
     )
+    how.measure(study)

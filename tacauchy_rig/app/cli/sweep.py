@@ -32,8 +32,7 @@ def sweep(
     dry_run: bool = False,
     slurm: Annotated[int | None, typer.Option(min=1)] = None,
     example: bool = False,
-    json_file: output.JsonFile = None,
-) -> None:
+) -> output.Found | None:
     """Simulate the presses of a plan into a data set; only missing presses are computed.
 
     Example: tacauchy-rig sweep plan.toml --out presses --jobs 2
@@ -51,7 +50,7 @@ def sweep(
     """
     if example:
         typer.echo(resources.files(_PACKAGE).joinpath("example.toml").read_text("utf-8"), nl=False)
-        return
+        return None
     if plan_file is None or (out is None and not dry_run):
         raise ConfigError(
             "a sweep needs PLAN and --out FOLDER",
@@ -73,11 +72,11 @@ def sweep(
         f"others, {size_bytes / 1e6:.1f} MB"
     )
     if dry_run or out is None:
-        return
+        return None
     output.writable_folder(out)
     if slurm is not None:
         _write_script(plan_file, out, slurm, limit)
-        return
+        return None
     with output.Steps() as steps:
         swept = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
     if swept.presses:
@@ -87,10 +86,10 @@ def sweep(
             f"{engine}: {swept.presses} presses in {swept.elapsed_s:.1f} s; processes spent {spent}"
             f"; each used at most {most:.2f} GB, {first:.2f} GB for the first shard"
         )
-    output.write_json(json_file, {"folder": str(out), "engine": engine, **asdict(swept)})
     output.say(
         f"wrote {out / 'summary.html'}" if swept.is_whole else f"{out}: other tasks have the rest"
     )
+    return output.Found({"folder": str(out), "engine": engine, **asdict(swept)})
 
 
 def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engine:

@@ -241,80 +241,69 @@ def replay_parts(
     Returns:
         The replay of each part; arrays and images of its trials are in the run's folder.
     """
-    parts = _settled(parts)
-    files = [_PartFiles(run, part, name) for part in parts]
+    files = [_PartFiles(run, part, name) for part in _settled(parts)]
     fits = name == REPLAY_NAME and fits_modulus(run.store.config)
-    jobs = _JOBS if len(parts) >= _WORTH_PROCESSES else 1
+    jobs = _JOBS if len(files) >= _WORTH_PROCESSES else 1
     left = Remaining(afterwards_s, jobs=jobs)
-    fitted = _fitted(parts) if fits else []
-    for k, (part, own) in enumerate(zip(parts, files, strict=True)):
-        left.add(0.0 if own.path.exists() else _cost_s(part) + _IMAGE_S)
-        left.add(_cost_s(part) if k in fitted and part.forces_n and not own.stated() else 0.0)
-    say(f"replaying {len(parts)} places or indenters; {left}")
+    fitted = _fitted(files) if fits else []
+    lacking = [own for own in fitted if own.part.forces_n and not own.stated()]
+    for own in files:
+        left.add(0.0 if own.path.exists() else own.cost_s + _IMAGE_S)
+    for own in lacking:
+        left.add(own.cost_s)
+    say(f"replaying {len(files)} places or indenters; {left}")
     fit = None
     if fits:
-        some, theirs = [parts[k] for k in fitted], [files[k] for k in fitted]
-        _press_stated(some, theirs, jobs, left)
-        stated = [own.stated() for own in theirs]
-        fit = modulus_of(list(zip(some, stated, strict=True)))
-    done: dict[int, Replay] = {}
-    missing = []
-    for k, (part, own) in enumerate(zip(parts, files, strict=True)):
-        kept = own.finished(fit, optics)
-        if kept is not None:
-            done[k] = kept
-            continue
-        left.add(_cost_s(part) + _IMAGE_S if own.path.exists() else 0.0)
-        missing.append(k)
-    if done:
-        say(f"  {len(done)} of {len(parts)} places are finished from before")
+        _press_stated(lacking, jobs, left)
+        fit = modulus_of([(own.part, own.stated()) for own in fitted])
+    found = {own.path: own.finished(fit, optics) for own in files}
+    missing = [own for own in files if found[own.path] is None]
+    for own in missing:
+        left.add(own.cost_s + _IMAGE_S if own.path.exists() else 0.0)
+    if len(missing) < len(files):
+        say(f"  {len(files) - len(missing)} of {len(files)} places are finished from before")
     if missing:  # the summary of an older replay goes: its files are about to change
         run.store.paths.replay_json(name).unlink(missing_ok=True)
-    items = [(k, parts[k], fit, files[k].stated() if fits else ()) for k in missing]
+    items = [(own.part, fit, own.stated() if fits else ()) for own in missing]
     work = parallel_map(_press, items, jobs=jobs, new_process_each=False)
     with doing("pressing to what was measured") as tell:
-        for number, ((k, part, *_), pressed) in enumerate(work, start=1):
-            done[k] = files[k].keep(fit, pressed, optics)
-            left.spend(_cost_s(part) + _IMAGE_S)
-            trial = done[k].trials[-1]
+        for number, (own, (_, pressed)) in enumerate(zip(missing, work, strict=True), start=1):
+            found[own.path] = kept = own.keep(fit, pressed, optics)
+            left.spend(own.cost_s + _IMAGE_S)
+            trial = kept.trials[-1]
             say(
-                f"  {number} of {len(missing)}{part.label}: {trial.force_simulated_n:.3f} N at "
+                f"  {number} of {len(missing)}{own.part.label}: {trial.force_simulated_n:.3f} N at "
                 f"{trial.depth_simulated_m * 1e3:.3f} mm; {left}"
             )
             tell(str(left))
-    return [done[k] for k in range(len(parts))]
+    return [replay for replay in found.values() if replay is not None]
 
 
-def _fitted(parts: Sequence[Part]) -> list[int]:
-    """Return the numbers of the parts that the modulus is fitted to, with force and depth."""
+def _fitted(files: Sequence[_PartFiles]) -> list[_PartFiles]:
+    """Return those of the parts that the modulus is fitted to, with force and depth."""
     known = [
-        k
-        for k, part in enumerate(parts)
-        if any(None not in (r.force_measured_n, r.depth_measured_m) for r in part.records)
+        own
+        for own in files
+        if any(None not in (r.force_measured_n, r.depth_measured_m) for r in own.part.records)
     ]
-    return [known[k] for k in some_of_each([parts[k] for k in known])]
+    return [known[k] for k in some_of_each([own.part for own in known])]
 
 
-def _press_stated(
-    parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining
-) -> None:
-    """Press the gel with the stated modulus at each place where that is not on disk."""
-    pairs = zip(parts, files, strict=True)
-    lacking = {k: part for k, (part, own) in enumerate(pairs) if part.forces_n and not own.stated()}
-    work = parallel_map(stated_history, list(lacking.values()), jobs=jobs, new_process_each=False)
+def _press_stated(lacking: Sequence[_PartFiles], jobs: int, left: Remaining) -> None:
+    """Press the gel with the stated modulus at each place, and keep its curve."""
+    parts = [own.part for own in lacking]
+    work = parallel_map(stated_history, parts, jobs=jobs, new_process_each=False)
     with doing("pressing the gel of the stated modulus") as tell:
-        found = zip(lacking, work, strict=True)
-        for number, (k, (part, history)) in enumerate(found, start=1):
-            files[k].keep_stated(history)
-            left.spend(_cost_s(part))
-            say(f"  stated modulus, {number} of {len(lacking)}{part.label}; {left}")
+        for number, (own, (_, history)) in enumerate(zip(lacking, work, strict=True), start=1):
+            own.keep_stated(history)
+            left.spend(own.cost_s)
+            say(f"  stated modulus, {number} of {len(lacking)}{own.part.label}; {left}")
             tell(str(left))
 
 
-def _press(item: tuple[int, Part, ModulusFit | None, History]) -> Pressed:
-    _, part, fit, stated = item
+def _press(item: tuple[Part, ModulusFit | None, History]) -> Pressed:
     with heard(lambda _: None):  # many of them, some in other processes
-        return press_to_measured(part, fit, stated)
+        return press_to_measured(*item)
 
 
 def _settled(parts: Sequence[Part]) -> list[Part]:
@@ -334,15 +323,12 @@ def _settled(parts: Sequence[Part]) -> list[Part]:
     return found
 
 
-def _cost_s(part: Part) -> float:
-    return _ALONE_S if part.is_alone else _PATH_S
-
-
 class _PartFiles:
-    """What is kept of a part of a run."""
+    """A part of a run, and what is kept of it."""
 
     def __init__(self, run: RunReading, part: Part, name: str) -> None:
-        self._run, self._part, self._name = run, part, name
+        self._run, self.part, self._name = run, part, name
+        self.cost_s = _ALONE_S if part.is_alone else _PATH_S
         first = min(part.trials)
         self.path = run.store.paths.replay_part(name, first)
         self._gel = self.path.with_name(f"{first:02d}-stated.json")
@@ -390,8 +376,8 @@ class _PartFiles:
         by_trial: dict[int, TrialFields],
         optics: OpticalCalibration,
     ) -> Replay:
-        attempts = [self._run.read(record) for record in self._part.records]
-        replay, files = rendered(attempts, self._part.inputs.sensor, replay, by_trial, optics)
+        attempts = [self._run.read(record) for record in self.part.records]
+        replay, files = rendered(attempts, self.part.inputs.sensor, replay, by_trial, optics)
         for index, each in files.items():
             write_fields(self._of_trial(index), each)
         kept = KeptPart(pressed=pressed, seen=_seen_with(optics), replay=replay)
@@ -400,7 +386,7 @@ class _PartFiles:
 
     def _hash(self, fit: ModulusFit | None) -> str:
         """Return the hash of all that the part's press depends on."""
-        part = self._part
+        part = self.part
         return content_hash(part.inputs, part.records, part.config.protocol, bool(part.label), fit)
 
     def _of_trial(self, index: int) -> Path:

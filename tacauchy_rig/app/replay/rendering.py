@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.frames_and_curves import AttemptReading
+from reports.figures.trial_axis import spread
 from sim.fields.saved_press import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_tracking import PrintedMarkers, find_markers, follow_markers
@@ -227,7 +228,7 @@ def intermediate_arrays(
     found = {}
     for attempt in attempts:
         index, unloaded = attempt.record.index, attempt.reference
-        states = spread(fields[index].intermediate)
+        states = spread(list(fields[index].intermediate), STATES)
         if states and unloaded is not None:
             maps = [look(state) for state in states]
             found[index] = {
@@ -239,12 +240,6 @@ def intermediate_arrays(
                 "pressure_pa": np.stack([pressure_pa for _, pressure_pa in maps]).round(-2),
             }
     return found
-
-
-def spread(states: Sequence[IntermediateState]) -> list[IntermediateState]:
-    """Return at most ``STATES`` states, evenly spread, the last among them."""
-    count = min(STATES, len(states))
-    return [states[round((k + 1) * len(states) / count) - 1] for k in range(count)]
 
 
 def _images(

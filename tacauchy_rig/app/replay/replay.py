@@ -1,6 +1,6 @@
 """From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
@@ -25,9 +25,9 @@ from tacauchy_rig.app.replay.uncertain_inputs import force_inputs, split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
-from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
+from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
-from tacauchy_rig.core.time_limit_and_progress import heard, say
+from tacauchy_rig.core.time_limit_and_progress import say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
@@ -41,7 +41,6 @@ def replay_run(
     tolerance: Tolerance | None = None,
     optics_file: Path | None = None,
     calibrate: Calibrate | None = None,
-    on_progress: Callable[[str], None] = lambda _: None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -57,16 +56,6 @@ def replay_run(
             indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
-    with heard(on_progress):
-        return _replayed_run(run, tolerance, optics_file, calibrate)
-
-
-def _replayed_run(
-    run: RunReading,
-    tolerance: Tolerance | None,
-    optics_file: Path | None,
-    calibrate: Calibrate | None,
-) -> Replay:
     config, parts = run.store.config, parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     given = config.sensor.optics_calibration if optics_file is None else str(optics_file)
@@ -88,13 +77,11 @@ def _replayed_run(
         replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())
         return [replay], files
 
-    tilts = [mounted([run.read(r) for r in part.records], part.inputs, config) for part in parts]
-    rows = [row for tilt in tilts for row in tilt.effects]
+    parts = [mounted(part, [run.read(r) for r in part.records]) for part in parts]
+    rows = [row for part in parts for row in part.effects]
     lines = (f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}" for row in rows)
     for line in dict.fromkeys(lines):
         say(line)
-    parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
-    places: list[tuple[FoundValue, ...]] = [()] * len(parts)
     done: _Replayed | None = None
     if config.replay.pose is PoseSource.FOUND:
         some = parts
@@ -102,33 +89,26 @@ def _replayed_run(
             say("finding the place of each indenter from some of its presses")
             some = [parts[k] for k in some_of_each(parts)]
         done = replayed(some, PROBES_NAME)
-        places = _found_places(run, parts, _images(run, *done, PROBES_NAME), optics())
-        moves = [offset_of(place) for place in places]
-        if not are_many and moves[0] is not None:
+        parts = _placed(run, parts, _images(run, *done, PROBES_NAME), optics())
+        is_moved = offset_of(parts[0].found) is not None
+        if not are_many and is_moved:
             say("  images show the contact at another place: pressing again there")
-        if are_many or moves[0] is not None:
+        if are_many or is_moved:
             done = None
-        parts = [
-            replace(part, inputs=part.inputs.moved(by_m or (0.0, 0.0)))
-            for part, by_m in zip(parts, moves, strict=True)
-        ]
     afterwards_s = _AFTERWARDS_S * len(list(tools_of(parts)))
     replays, files = done or replayed(parts, afterwards_s=afterwards_s)
-    found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
-    inputs, residual = _uncertainties(run, parts, found, replays, images, optics())
+    inputs, residual = _uncertainties(run, parts, replays, images, optics())
     models = [
         replace(
             each.model,
-            found=values,
-            found_offset_m=offset_of(place) or (0.0, 0.0),
-            effects=(*each.model.effects, *tilt.effects),
+            found=part.found,
+            found_offset_m=offset_of(part.found) or (0.0, 0.0),
+            effects=(*each.model.effects, *part.effects),
             force_inputs=tried_inputs,
             trials=part.trials if are_many else (),
         )
-        for part, each, values, place, tilt, tried_inputs in zip(
-            parts, replays, found, places, tilts, inputs, strict=True
-        )
+        for part, each, tried_inputs in zip(parts, replays, inputs, strict=True)
     ]
     replay = replace(
         replays[0],
@@ -155,31 +135,32 @@ def _images(
     return found
 
 
-def _found_places(
+def _placed(
     run: RunReading,
     parts: Sequence[Part],
     images: dict[int, ImageArray],
     optics: OpticalCalibration,
-) -> list[tuple[FoundValue, ...]]:
-    """Return how far from its place the images show the contact, for each part.
+) -> list[Part]:
+    """Return the parts where the images show their contacts.
 
     All stated places of a tool share one shift. Places that are not stated say nothing of others.
     """
-    found: list[tuple[FoundValue, ...]] = [()] * len(parts)
+    placed = list(parts)
     for numbers in tools_of(parts):
         own = [parts[k] for k in numbers]
         stated = [part for part in own if part.place_known] or own
         attempts = [run.read(record) for part in stated for record in part.records]
         values = find_offset(attempts, images, optics.geometry, run.store.config)
+        by_m = offset_of(values) or (0.0, 0.0)
         for k in numbers:
-            found[k] = values
-    return found
+            found = (*parts[k].found, *values)
+            placed[k] = replace(parts[k], inputs=parts[k].inputs.moved(by_m), found=found)
+    return placed
 
 
 def _uncertainties(
     run: RunReading,
     parts: Sequence[Part],
-    found: Sequence[tuple[FoundValue, ...]],
     replays: Sequence[Replay],
     images: dict[int, ImageArray],
     optics: OpticalCalibration,
@@ -196,9 +177,8 @@ def _uncertainties(
         for numbers in tools_of(parts):
             deepest = max(numbers, key=lambda k: max(parts[k].depths_m, default=0.0))
             depths_m = [depth_m for k in numbers for depth_m in parts[k].depths_m]
-            job = worker.submit(
-                force_inputs, parts[deepest].inputs, config, depths_m, found[deepest]
-            )
+            part = parts[deepest]
+            job = worker.submit(force_inputs, part.inputs, config, depths_m, part.found)
             jobs |= dict.fromkeys(numbers, job)
         say("estimating the causes of the image residual")
         inputs = [

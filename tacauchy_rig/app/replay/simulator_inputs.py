@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from tacauchy_rig.core.config.settings import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError, command_line
 from tacauchy_rig.core.registry import Kind, names, unknown
 from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord
+from tacauchy_rig.core.simulated import FoundValue
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
@@ -318,6 +319,10 @@ class Part:
     trials: tuple[int, ...] = ()  # numbers of all trials, also of those that have neither
     place_known: bool = True  # it is stated where the tip came down
     label: str = ""  # indenter and place, for progress; empty where all trials are alike
+    # Tilt and place of the indenter that were found, and the plan's rows on them, as replays keep
+    # these
+    found: tuple[FoundValue, ...] = ()
+    effects: tuple[dict[str, Any], ...] = ()
 
     @property
     def forces_n(self) -> list[float]:
@@ -343,11 +348,6 @@ class Part:
     def settled(self) -> Self:
         """The part with the preset that ``auto`` chooses."""
         return replace(self, inputs=self.inputs.settled(self.forces_n))
-
-    @property
-    def tool(self) -> str:
-        """The indenter, as it is described."""
-        return describe(self.inputs.indenter)
 
 
 def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
@@ -386,7 +386,10 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         return [replace(part, inputs=part.inputs.settled(forces_n))]
     parts = []
     for group in groups:
-        place, indenter = _place(group), group[0].indenter
+        place, indenter = group[0].place_m, group[0].indenter
+        if places := [trial.place_m for trial in group if trial.place_m is not None]:
+            x_m, y_m = np.mean(places, axis=0).tolist()
+            place = x_m, y_m
         stated = {"indenter": indenter or None, "offset": place}
         known = {name: value for name, value in stated.items() if value is not None}
         own = config.model_copy(update={"replay": config.replay.model_copy(update=known)})
@@ -424,7 +427,7 @@ def tools_of(parts: Sequence[Part]) -> Iterator[list[int]]:
     """Yield the numbers of the parts of each indenter."""
     groups: dict[str, list[int]] = {}
     for k, part in enumerate(parts):
-        groups.setdefault(part.tool, []).append(k)
+        groups.setdefault(describe(part.inputs.indenter), []).append(k)
     yield from groups.values()
 
 
@@ -459,11 +462,3 @@ def _is_near(first: Place | None, second: Place | None) -> bool:
     if first is None or second is None:
         return first is second
     return max(abs(a - b) for a, b in zip(first, second, strict=True)) <= SAME_PLACE_M
-
-
-def _place(trials: list[ImportedTrial]) -> Place | None:
-    known = [trial.place_m for trial in trials if trial.place_m is not None]
-    if not known:
-        return None
-    x, y = np.mean(known, axis=0).tolist()
-    return x, y

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import median
 from typing import Any
 
@@ -15,7 +15,7 @@ from reports.scores.contact_scores import image_change, register_changes, touche
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
-from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs
+from tacauchy_rig.app.replay.simulator_inputs import Part, ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.settings import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
@@ -37,36 +37,19 @@ Dwell = tuple[TrialRecord, tuple[FloatArray, FloatArray] | None]
 each; None where it is unknown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FoundMounting:
-    """What was found of the tilt, and what of it is simulated."""
-
-    inputs: ReplayInputs  # of the replay, with what is simulated
-    values: tuple[FoundValue, ...] = ()  # what was found
-    effects: tuple[dict[str, Any], ...] = ()  # rows of the plan, as a replay keeps them
-
-
-def mounted(
-    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
-) -> FoundMounting:
-    """Return inputs with the measured duration and the tilt that moments of attempts show."""
+def mounted(part: Part, attempts: Sequence[AttemptReading]) -> Part:
+    """Return a part with the measured duration and, if asked for, the tilt that moments show."""
+    inputs, config = part.inputs, part.config
     known = [each.press_duration_s for each in attempts if each.press_duration_s is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
-    dwells = [(each.record, each.dwell_wrench) for each in attempts]
-    return with_found_tilt(dwells, inputs, config)
-
-
-def with_found_tilt(
-    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
-) -> FoundMounting:
-    """Return the inputs with the tilt found from the moments, if the configuration asks for it."""
     if config.replay.pose is not PoseSource.FOUND:
-        return FoundMounting(inputs=inputs)
+        return replace(part, inputs=inputs)
+    dwells = [(each.record, each.dwell_wrench) for each in attempts]
     fit, why = tilt_of(dwells, inputs, config)
     if fit is None:
         row = _row(any(inputs.tilt_rad), f"as stated: {why}")
-        return FoundMounting(inputs=inputs, values=_values(_TILT, "rad", why), effects=(row,))
+        return replace(part, inputs=inputs, found=_values(_TILT, "rad", why), effects=(row,))
     size = float(np.linalg.norm(fit.tilt_rad))
     doubt = float(np.linalg.norm(fit.tilt_rad * fit.uncertainty_rad)) / max(size, 1e-30)
     taken = size > TAKEN_FROM * doubt
@@ -76,7 +59,8 @@ def with_found_tilt(
     if taken:
         row = _planned(inputs, [r.force_measured_n or 0.0 for r, _ in dwells], size, found)
     tilt = (float(fit.tilt_rad[0]), float(fit.tilt_rad[1])) if row["on"] else (0.0, 0.0)
-    return FoundMounting(inputs=replace(inputs, tilt_rad=tilt), values=values, effects=(row,))
+    inputs = replace(inputs, tilt_rad=tilt)
+    return replace(part, inputs=inputs, found=values, effects=(row,))
 
 
 def tilt_of(
@@ -229,9 +213,10 @@ def find_offset(
 
 def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
     """Return the offset that is to be simulated [m]; None where none is."""
-    if not values or not all(value.taken for value in values):
+    along = [value for value in values if value.name.startswith(_OFFSET)]
+    if not along or not all(value.taken for value in along):
         return None
-    x, y = (value.value or 0.0 for value in values)
+    x, y = (value.value or 0.0 for value in along)
     return x, y
 
 

@@ -1,10 +1,9 @@
 """Pages of results: a folder's runs, a comparison of two, a sensor's trend, and who serves them."""
 
-import asyncio
 import math
 import os
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from hashlib import sha256
@@ -190,9 +189,6 @@ def criteria_of(summary: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]
                 yield where, criterion
 
 
-Judge = Callable[[Path, Path], GelState]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
     """A run compared with an earlier one."""
@@ -202,36 +198,31 @@ class Judged:
     fault: str = ""
 
 
-def judge_folders(before: Path, now: Path) -> GelState:
-    """Compare one run's press with another's, as ``check-press`` does."""
-    return compare_runs(open_run(before), open_run(now))
+def judged_by(before: ListedRun, now: ListedRun) -> Judged:
+    """Return a run compared with an earlier one, as ``check-press`` compares them."""
+    found = _compared(before.folder, now.folder, (_age(before), _age(now)))
+    if isinstance(found, str):
+        return Judged(run=now, state=None, fault=found)
+    return Judged(run=now, state=found)
 
 
-@dataclass(slots=True)
-class Health:
-    """Compares runs, each pair once: reading the recordings takes a second."""
+@cache
+def _compared(before: Path, now: Path, _ages: tuple[int, int]) -> GelState | str:
+    """Compare two runs, or say why that cannot be: once, for reading recordings takes a second."""
+    try:
+        return compare_runs(open_run(before), open_run(now))
+    except Exception as error:  # noqa: BLE001 - a run from elsewhere must not hide the others
+        return _reason(error)
 
-    judge: Judge = judge_folders
-    _known: dict[tuple[object, ...], Judged] = field(default_factory=dict)
 
-    def of(self, before: ListedRun, now: ListedRun) -> Judged:
-        """Return a run compared with an earlier one."""
-        key = (before.name, _age(before), now.name, _age(now))
-        if key not in self._known:
-            try:
-                self._known[key] = Judged(run=now, state=self.judge(before.folder, now.folder))
-            except Exception as error:  # noqa: BLE001 - likewise
-                self._known[key] = Judged(run=now, state=None, fault=_reason(error))
-        return self._known[key]
-
-    def trend(self, runs: Sequence[ListedRun], like: ListedRun) -> tuple[ListedRun, list[Judged]]:
-        """Return the earliest comparable run, and every later one compared with it, in order."""
-        alike = sorted(
-            (run for run in runs if run.passed_count and run.alike == like.alike),
-            key=lambda run: (run.created, run.name),
-        )
-        first = alike[0] if alike else like
-        return first, [self.of(first, run) for run in alike[1:]]
+def trend(runs: Sequence[ListedRun], like: ListedRun) -> tuple[ListedRun, list[Judged]]:
+    """Return the earliest comparable run, and every later one compared with it, in order."""
+    alike = sorted(
+        (run for run in runs if run.passed_count and run.alike == like.alike),
+        key=lambda run: (run.created, run.name),
+    )
+    first = alike[0] if alike else like
+    return first, [judged_by(first, run) for run in alike[1:]]
 
 
 def _age(run: ListedRun) -> int:
@@ -341,23 +332,13 @@ def _in_words(outcome: tuple[int, int] | None) -> str:
     return "not judged" if outcome is None else f"met in {outcome[0]} of {outcome[1]}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chart:
-    """One quantity over the runs."""
-
-    changes: tuple[tuple[ListedRun, Change], ...]  # of each run since the first
-    most: float  # the change at the upper end of the chart
-
-
-def charts_of(judged: Sequence[Judged]) -> list[Chart]:
-    """Return a chart for each thing that ``check-press`` looks at."""
+def charts_of(judged: Sequence[Judged]) -> Iterator[dict[str, Any]]:
+    """Yield the ``changes`` of each thing that ``check-press`` looks at, and the chart's end."""
     states = [(each.run, each.state.changes) for each in judged if each.state is not None]
-    charts = []
     for k in range(len(states[0][1]) if states else 0):
-        changes = tuple((run, found[k]) for run, found in states)
+        changes = [(run, found[k]) for run, found in states]
         reach = [abs(change.value) + COVERAGE * change.uncertainty for _, change in changes]
-        charts.append(Chart(changes=changes, most=_ROOM * max(changes[0][1].limit, *reach)))
-    return charts
+        yield {"changes": changes, "most": _ROOM * max(changes[0][1].limit, *reach)}
 
 
 def in_words(value: float, change: Change) -> str:
@@ -407,11 +388,8 @@ class ResultsServer:
         only: The one run that is shown; empty shows all.
     """
 
-    def __init__(
-        self, root: Path, access: AccessRule, *, only: str = "", health: Health | None = None
-    ):
+    def __init__(self, root: Path, access: AccessRule, *, only: str = "") -> None:
         self._root, self._only, self._access = root, only, access
-        self._health = health or Health()
         self._pages = environment_of("tacauchy_rig.app.results")
         self._pages.filters["in_words"] = in_words
         style = resources.files("tacauchy_rig.app.results").joinpath("templates", "results.css")
@@ -421,9 +399,9 @@ class ResultsServer:
     def app(self) -> ASGIApp:
         """The application, behind its access rule."""
         routes = [
-            Route("/", self._answer(self._list)),
-            Route("/compare", self._answer(self._compare)),
-            Route("/health/{name}", self._answer(self._trend)),
+            Route("/", self._list),  # each in a thread: recordings take a second to read
+            Route("/compare", self._compare),
+            Route("/health/{name}", self._trend),
             Route("/results.css", lambda _request: self._style),
             Route("/run/{name}/{path:path}", self._file),
         ]
@@ -437,14 +415,6 @@ class ResultsServer:
             await rule.guard(inner)(scope, receive, send)
 
         return app
-
-    def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
-        """Return a page's answer, made in a thread: recordings take a second to read."""
-
-        async def answer(request: Request) -> Response:
-            return await asyncio.to_thread(page, request)
-
-        return answer
 
     def _list(self, _request: Request) -> Response:
         return self._page(
@@ -464,7 +434,7 @@ class ResultsServer:
         judged = None
         if one is not None and other is not None and one is not other:
             rows, differ = compare(one, other), differing(one, other)
-            judged = self._health.of(*sorted((one, other), key=lambda run: run.created))
+            judged = judged_by(*sorted((one, other), key=lambda run: run.created))
         return self._page(
             "compare.html.jinja",
             base="",
@@ -480,7 +450,7 @@ class ResultsServer:
         like = self._named(runs, request)
         if like is None:
             return PlainTextResponse("there is no such run\n", 404)
-        first, judged = self._health.trend(runs, like)
+        first, judged = trend(runs, like)
         return self._page(
             "trend.html.jinja", base="../", first=first, judged=judged, charts=charts_of(judged)
         )

@@ -1,4 +1,4 @@
-"""Make a run and press it: every trial without a passed attempt is recorded.
+"""Make a run, and what it asks of cell and gel before it presses.
 
 The expected force against depth of its presses, simulated with the stated gel, is made before a
 session with preset fast and kept in the run's folder. The control loop compares the force sensor
@@ -7,7 +7,7 @@ with it.
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,10 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.force_sensor.weighing import Load, weigh
-from protocols.guard.abort import AbortWatch
 from protocols.guard.force_witness_and_band import TOLERANCE, WORST_N, WORST_SHARE
-from protocols.processes.ipc import PageOptions, ViewerOptions
-from protocols.processes.supervisor import SessionResult, run_session
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_outputs import outputs_of
 from sim.effects.press_with_effects import path_for
@@ -31,7 +28,7 @@ from tacauchy_rig.core.config.load import Change, LoadedConfig
 from tacauchy_rig.core.config.settings import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD, RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 from tacauchy_rig.core.known_weight import EXPIRY_H, ForceCheck, Weight, judge_weight
-from tacauchy_rig.core.run import Criterion, ExpectedPress, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.free_space import check_free_space
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import to_json
@@ -156,21 +153,6 @@ def check_cell(
     return check
 
 
-def require_right_cell(store: RunStore) -> None:
-    """Refuse to go on with a cell that was found wrong when it was checked last.
-
-    Raises:
-        ForceCheckError: It was; the likely cause and how to check it again stand in the remedy.
-    """
-    check = store.force_check.load()
-    if check is not None and not check.passed:
-        raise ForceCheckError(
-            f"the force sensor was wrong at its last check, on {check.checked}: {check.finding}",
-            remedy=f"{check.remedy}; then repeat it: --check-weight "
-            f"{check.weight.mass_kg * 1e3:g}g",
-        )
-
-
 def needs_weight(config: RigConfig) -> bool:
     """Return whether the arm feels too little to bound what a wrong cell may do to the gel.
 
@@ -184,9 +166,16 @@ def require_bounded_force(store: RunStore, config: RigConfig) -> None:
     """Refuse to press by a cell that nothing has checked and no arm would contradict.
 
     Raises:
-        ForceCheckError: It is so, or the cell was found wrong when it was checked last.
+        ForceCheckError: It is so, or the cell was found wrong when it was checked last; the likely
+            cause and how to check it again stand in the remedy.
     """
-    require_right_cell(store)
+    check = store.force_check.load()
+    if check is not None and not check.passed:
+        raise ForceCheckError(
+            f"the force sensor was wrong at its last check, on {check.checked}: {check.finding}",
+            remedy=f"{check.remedy}; then repeat it: --check-weight "
+            f"{check.weight.mass_kg * 1e3:g}g",
+        )
     if needs_weight(config) and (note := standing_check(store)):
         arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
         raise ForceCheckError(
@@ -220,9 +209,6 @@ def mark_expired(store: RunStore, *, now: datetime | None = None) -> None:
 
 def _is_current(check: ForceCheck, now: datetime) -> bool:
     return now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H)
-
-
-MISSED = "missed: "
 
 
 def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
@@ -259,40 +245,6 @@ def note_changes(store: RunStore, changes: Sequence[Change]) -> None:
         append_event(store.paths.journal, event)
 
 
-def record_run(
-    store: RunStore,
-    config: RigConfig | None = None,
-    *,
-    on_event: Callable[[JournalEvent], None],
-    again: Set[int] = frozenset(),
-    page: PageOptions | None = None,
-    viewers: Sequence[ViewerOptions] = (),
-    keep_page: bool = False,
-) -> SessionResult:
-    """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
-
-    A real arm moves. Nothing here asks whether it may. Arguments and errors are those of
-    ``run_session``; a config of None is the run's own.
-
-    Raises:
-        ForceCheckError: The cell was found wrong, or has to be checked by a weight first.
-    """
-    require_bounded_force(store, config or store.config)
-    expected = kept_expectation(store)
-    with AbortWatch() as watch:
-        return run_session(
-            store,
-            config or store.config,
-            on_event=on_event,
-            abort=watch.abort,
-            expected=expected,
-            again=again,
-            page=page,
-            viewers=viewers,
-            keep_page=keep_page,
-        )
-
-
 def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
     """Yield a line for each criterion that the last attempt at a trial missed.
 
@@ -302,12 +254,9 @@ def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
         if record.outcome is not Outcome.FAILED:
             continue
         tries = f", attempt {record.attempt}" if record.attempt > 1 else ""
-        for criterion in record.criteria:
-            if not criterion.passed:
-                yield f"{MISSED}trial {record.index}{tries}: {_told(criterion)}"
-
-
-def _told(criterion: Criterion) -> str:
-    measured = f"{criterion.measured:.4g} {criterion.unit}".rstrip()
-    text = f"{criterion.name} is {measured}, required: {criterion.limit}"
-    return f"{text} -> {criterion.remedy}" if criterion.remedy else text
+        for each in record.criteria:
+            if not each.passed:
+                measured = f"{each.measured:.4g} {each.unit}".rstrip()
+                told = f"{each.name} is {measured}, required: {each.limit}"
+                remedy = f" -> {each.remedy}" if each.remedy else ""
+                yield f"missed: trial {record.index}{tries}: {told}{remedy}"

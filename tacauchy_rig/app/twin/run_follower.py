@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from time import monotonic_ns, process_time
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.ndimage import label
 
 from protocols.processes.ipc import Shown, ViewerOptions
 from reports.evidence.evidence_types import ImageGeometry
@@ -23,12 +23,7 @@ from reports.evidence.frames_and_curves import (
     crop_and_resize,
     median_image,
 )
-from reports.scores.contact_scores import (
-    contact_footprint,
-    contact_region,
-    image_change,
-    relative_residual,
-)
+from reports.scores.contact_scores import image_change, relative_residual, touched_by
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.twin.press_follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
@@ -77,10 +72,10 @@ def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArr
     0 is perfect, 1 is what no contact would leave; None where the real image shows no contact.
     """
     change = image_change(real, unloaded)
-    footprint = contact_footprint(change)
-    if footprint is None:
+    seen = touched_by(change)
+    if seen is None:
         return None
-    found = relative_residual(change, image_change(simulated, unloaded), contact_region(footprint))
+    found = relative_residual(change, image_change(simulated, unloaded), seen.region)
     return found if math.isfinite(found) else None
 
 
@@ -382,13 +377,9 @@ def _frames(attempt: AttemptReading, twin: Twin) -> Iterator[dict[str, Any]]:
 
 def _lasting(touching: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return the longest stretch without a gap: a cell's noise touches for a sample or two."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
-    kept = np.zeros_like(touching)
-    stretches = list(pairwise(edges.tolist()))[::2]
-    if stretches:
-        start, stop = max(stretches, key=lambda each: each[1] - each[0])
-        kept[start:stop] = True
-    return kept
+    stretches, count = label(touching)
+    longest = 1 + np.argmax(np.bincount(stretches)[1:]) if count else 1
+    return np.asarray(stretches == longest)
 
 
 def _row(

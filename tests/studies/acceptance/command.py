@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import psutil
 import typer
 
-from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json
+from tacauchy_rig.app.cli.output import Found, say, show_table
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 from tests.studies.acceptance.folder import SENSOR, Written, write_folder
@@ -163,8 +163,7 @@ def acceptance(
     presses: Annotated[int, typer.Option("--presses", min=13, help="How many.")] = 40,
     seed: Annotated[int, typer.Option("--seed", help="Of the emulated world.")] = 1,
     work: Annotated[Path | None, typer.Option("--work", help="Folder to work in; kept.")] = None,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Press an emulated DIGIT at many places, and go from the folder to the report.
 
     Example: python -m tests.studies acceptance --presses 40 --seed 20261127
@@ -179,7 +178,6 @@ def acceptance(
     tables = (costs_table(found, command=command), truth_table(written, summary, command=command))
     for table in tables:
         show_table(table)
-    write_json(json_file, {"tables": tables, "calls": found})
     if work is None:
         shutil.rmtree(place)
-    raise typer.Exit(0 if all(table.passed for table in tables) else 1)
+    return Found({"tables": tables, "calls": found}, passed=all(table.passed for table in tables))

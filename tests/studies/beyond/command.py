@@ -18,7 +18,7 @@ from sim.press import PressResult, press
 from sim.press_arguments import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Preset, Scene, Target
-from tacauchy_rig.app.cli.studies import study_command
+from tacauchy_rig.app.cli.studies import StudyRun
 from tacauchy_rig.core import time_limit_and_progress as limits
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RigError, TimeLimitError
@@ -312,8 +312,8 @@ class BeyondStudy(Study):
         return [answers, *([listed] if named else []), *failures_table(results, kind=self.kind)]
 
 
-@study_command
 def beyond_check(
+    *,
     presses: Annotated[int, typer.Option("--presses", min=1, help="How many are drawn.")] = 200,
     seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
     press_limit: Annotated[
@@ -322,7 +322,8 @@ def beyond_check(
     finer: Annotated[
         float, typer.Option("--finer", help="Of each of the two that may judge it [s likewise].")
     ] = 120.0,
-) -> Study:
+    how: StudyRun,
+) -> None:
     """Press too deep, too hard, with needles and at steep tilts: right, or an error, in time.
 
     A press that its own limit does not end is ended after --limit and has failed. Edges / 1.6
@@ -331,4 +332,4 @@ def beyond_check(
 
     Example: python -m tests.studies beyond --presses 20 --press-limit 15 --finer 40 --jobs 2
     """
-    return BeyondStudy(count=presses, seed=seed, limit_s=press_limit, finer_limit_s=finer)
+    how.measure(BeyondStudy(count=presses, seed=seed, limit_s=press_limit, finer_limit_s=finer))

@@ -15,15 +15,7 @@ from reports.scores.force_uncertainty import ForceAgreement, compare_force, scat
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from sim.tilt_sensitivity import forces_at
-from tacauchy_rig.app.cli.output import (
-    ConfigFile,
-    Jobs,
-    JsonFile,
-    Overrides,
-    say,
-    show_table,
-    write_json,
-)
+from tacauchy_rig.app.cli.output import ConfigFile, Found, Jobs, Overrides, say, show_table
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.uncertain_inputs import force_inputs, variations
 from tacauchy_rig.core.config.settings import RigConfig
@@ -220,8 +212,7 @@ def budget_check(
     preset: Annotated[Preset, typer.Option("--preset", help="That predicts.")] = Preset.FAST,
     truth: Annotated[Preset, typer.Option("--truth", help="Of the worlds.")] = Preset.BALANCED,
     jobs: Jobs = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Draw worlds from stated uncertainties; count how often the 95 % interval holds their force.
 
     Example: python -m tests.studies budget --worlds 20 --jobs 2
@@ -242,5 +233,4 @@ def budget_check(
         found.append(world)
     table = coverage_table(found, config.protocol.force_targets)
     show_table(table)
-    write_json(json_file, {"table": table, "worlds": found})
-    raise typer.Exit(0 if table.passed else 1)
+    return Found({"table": table, "worlds": found}, passed=table.passed)

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, Jobs, say, write_text
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.markdown_page import page
@@ -109,8 +109,7 @@ def fault_table(
     ] = Path("runs/fault-table"),
     again: Annotated[bool, typer.Option("--again", help="Repeat cases that are done.")] = False,
     jobs: Jobs = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found | None:
     """Fail every device, process and the computer, at three moments; write the table.
 
     Sensors that lie do so from the start too, at each target. A case takes a minute and about half
@@ -125,7 +124,7 @@ def fault_table(
     if list_only:
         for case in chosen:
             say(case.name)
-        return
+        return None
     work.mkdir(parents=True, exist_ok=True)
     with run_lock(work / LOCK):
         observe = partial(_observe, work=work, again=again, jobs=jobs)
@@ -141,7 +140,6 @@ def fault_table(
             case_count=len(all_cases()),
         ),
     )
-    write_json(json_file, {"cases": seen, "problems": {s.name: s.problems for s in seen}})
     say(summary_line(seen))
     say(f"table {out}")
     if unreached:
@@ -149,7 +147,10 @@ def fault_table(
             f"nothing was observed in {', '.join(unreached)}",
             remedy="run the same command again; cases that are done are kept",
         )
-    raise typer.Exit(1 if any(s.problems for s in seen) else 0)
+    return Found(
+        {"cases": seen, "problems": {s.name: s.problems for s in seen}},
+        passed=not any(s.problems for s in seen),
+    )
 
 
 def _observe(case: FaultCase, *, work: Path, again: bool, jobs: int) -> bool:

@@ -30,7 +30,7 @@ from tacauchy_rig.app.calibration.material.fit_and_next_presses import (
     respond,
 )
 from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
-from tacauchy_rig.app.cli.studies import study_command
+from tacauchy_rig.app.cli.studies import StudyRun
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
@@ -280,13 +280,14 @@ def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> 
     )
 
 
-@study_command
 def gel_check(
+    *,
     gels: Annotated[int, typer.Option("--gels", min=1, help="How many are drawn.")] = 100,
     seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
-) -> Study:
+    how: StudyRun,
+) -> None:
     """Calibrate drawn gels by one indenter and more; count how often the intervals hold them.
 
     Example: python -m tests.studies gel --gels 100 --seed 1001 --jobs 2
     """
-    return GelStudy(gels, seed)
+    how.measure(GelStudy(gels, seed))

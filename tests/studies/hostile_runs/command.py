@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from sim.solve.descents import Descents
 from sim.solve.equilibrium import EquilibriumSolver
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, complain, say, write_json
+from tacauchy_rig.app.cli.output import Found, Jobs, complain, say
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.image_codec import decode_rgb, encode_jpeg
 from tacauchy_rig.core.run import ImageFrame
@@ -255,8 +255,7 @@ def hostile_runs(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of what is drawn.")] = 1,
     jobs: Jobs = 2,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Make run folders of every hostile kind, and let every command read each.
 
     A command fails that changes a file outside, takes a minute of processor time, or meets an
@@ -279,5 +278,4 @@ def hostile_runs(
             seen += found
     failed = [each for each in seen if each.failure]
     say(f"{len(kinds)} kinds, {len(seen)} trials of commands: {len(failed)} failed")
-    write_json(json_file, {"kinds": len(kinds), "seed": seed, "failed": failed})
-    raise typer.Exit(1 if failed else 0)
+    return Found({"kinds": len(kinds), "seed": seed, "failed": failed}, passed=not failed)

@@ -17,7 +17,7 @@ from reports.comparison.run_comparison import compare
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
-from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, say, show_table, write_text
 from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.core.config.settings import RigConfig
@@ -233,8 +233,7 @@ def mounting_check(
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
         "docs/results/mounting_check.md"
     ),
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Replay a run with friction and lean and without, and find the lean of drawn tools.
 
     Example: python -m tests.studies mounting runs/20261123-dry-run
@@ -269,6 +268,5 @@ def mounting_check(
         "ratio": tilt_ratio(tools),
     }
     write_text(out, page("tests.studies.verdict", "mounting_check.md.jinja", facts))
-    write_json(json_file, {"residuals": residuals, "leans": leans})
     say(f"page {out}")
-    raise typer.Exit(0 if residuals.passed and leans.passed else 1)
+    return Found({"residuals": residuals, "leans": leans}, passed=residuals.passed and leans.passed)

@@ -25,7 +25,7 @@ from protocols.processes.ipc import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.emulated_calibration import emulated_unit
-from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, say, show_table, write_text
 from tacauchy_rig.app.twin.run_follower import Follows, twin_options
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
@@ -399,8 +399,7 @@ def page_check(
     work: Annotated[Path, typer.Option("--work", help="Folder of its runs.")] = Path(
         "runs/page-check"
     ),
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Stop by page and key, react with a page and without, and press with a page.
 
     Example: python -m tests.studies page --stops 50 --pairs 20
@@ -419,6 +418,5 @@ def page_check(
         show_table(table)
     command = f"python -m tests.studies page --stops {stop_count} --pairs {pair_count}"
     write_text(out, criteria_page(tables, title="What the page costs", note=NOTE, command=command))
-    write_json(json_file, {"tables": tables})
     say(f"page {out}")
-    raise typer.Exit(0 if all(table.passed for table in tables) else 1)
+    return Found({"tables": tables}, passed=all(table.passed for table in tables))

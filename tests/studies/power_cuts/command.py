@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from protocols.trials.trial_sequence import plan_session
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, complain, say, write_json
+from tacauchy_rig.app.cli.output import Found, Jobs, complain, say
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.recovery import recover_run
 from tacauchy_rig.core.store.run_store import RunStore
@@ -117,8 +117,7 @@ def power_cuts(
     states: Annotated[int, typer.Option("--states", min=1, help="How many are drawn.")] = 5000,
     seed: Annotated[int, typer.Option("--seed", help="Of the states.")] = 1,
     jobs: Jobs = 2,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Draw states that a power cut can leave; recover each, and resume every fiftieth.
 
     Example: python -m tests.studies power-cuts --states 5000 --jobs 2
@@ -143,5 +142,4 @@ def power_cuts(
         f"{states} states (seed {seed}), {torn} of them with torn files: {len(failed)} without a "
         "way forward or with a finished recording changed"
     )
-    write_json(json_file, {"states": states, "seed": seed, "failed": failed})
-    raise typer.Exit(1 if failed else 0)
+    return Found({"states": states, "seed": seed, "failed": failed}, passed=not failed)

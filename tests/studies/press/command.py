@@ -10,7 +10,7 @@ import typer
 from drivers.emulators.plant.gel_image_and_lights import GelCamera
 from drivers.emulators.plant.gel_response import Plant
 from drivers.emulators.plant.truth import CylinderTip, PlantTruth, draw_truth
-from tacauchy_rig.app.cli.output import JsonFile, show_table, write_json
+from tacauchy_rig.app.cli.output import Found, show_table
 from tacauchy_rig.app.gel_health import Advice, GelState, PressMeasures, compare_presses
 from tacauchy_rig.core.config.settings import DEPTH_ERROR_M, RobotModel
 from tacauchy_rig.core.tables import Table, table_of_rows
@@ -108,8 +108,7 @@ def state_table(found: Sequence[Judged]) -> Table:
 def press_check(
     gels: Annotated[int, typer.Option("--gels", min=1, help="Of each kind.")] = 10,
     seed: Annotated[int, typer.Option("--seed", help="Of the first of them.")] = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Judge emulated gels, good ones and aged ones, as `check-press` does.
 
     Example: python -m tests.studies press --gels 10
@@ -118,5 +117,4 @@ def press_check(
     found = [judged(number, aged=aged) for aged in (False, True) for number in seeds]
     table = state_table(found)
     show_table(table)
-    write_json(json_file, {"table": table, "gels": found})
-    raise typer.Exit(0 if table.passed else 1)
+    return Found({"table": table, "gels": found}, passed=table.passed)

@@ -16,7 +16,7 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, Jobs, say, show_table, write_text
 from tacauchy_rig.app.replay.chosen_optics import OpticalCalibration
 from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, measured_attempts
 from tacauchy_rig.app.replay.uncertain_inputs import split_images
@@ -204,8 +204,7 @@ def residual_check(
         "docs/results/residual_check.md"
     ),
     jobs: Jobs = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Replay runs with one known thing wrong, and see whether the split ranks it first.
 
     Example: python -m tests.studies residual runs/20261123-dry-run
@@ -236,9 +235,8 @@ def residual_check(
         "table": table,
     }
     write_text(out, page("tests.studies.verdict", "residual_check.md.jinja", facts))
-    write_json(json_file, {"planted": table})
     say(f"page {out}")
-    raise typer.Exit(0 if table.passed else 1)
+    return Found({"planted": table}, passed=table.passed)
 
 
 def _looked(task: tuple[Cause | None, int], *, bench: Bench) -> Ranked | None:

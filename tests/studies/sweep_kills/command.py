@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import pyarrow.parquet as pq
 import typer
 
-from tacauchy_rig.app.cli.studies import study_command
+from tacauchy_rig.app.cli.studies import StudyRun
 from tacauchy_rig.core.study import Case, Result, Study, founds
 from tacauchy_rig.core.tables import Table, table_of
 
@@ -226,13 +226,14 @@ def _sums(out: Path) -> dict[str, str]:
     return {str(f.relative_to(out)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
 
 
-@study_command
 def sweep_kills(
+    *,
     presses: Annotated[int, typer.Option("--presses", min=12, help="Of the plan.")] = 40,
     seed: Annotated[int, typer.Option("--seed", help="Of the plan.")] = 1,
-) -> Study:
+    how: StudyRun,
+) -> None:
     """Kill sweeps on three engines, and compare their files with those of one left alone.
 
     Example: python -m tests.studies sweep-kills
     """
-    return SweepKills(presses, seed)
+    how.measure(SweepKills(presses, seed))

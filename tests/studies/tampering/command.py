@@ -11,7 +11,7 @@ import typer
 
 from reports.comparison.run_comparison import compare
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, RunFolder, complain, say, write_text
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import RecordError, RigError
@@ -179,8 +179,7 @@ def tamper_table(
     out: Annotated[Path, typer.Option("--out", help="The table.")] = Path(
         "docs/results/tamper_table.md"
     ),
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Tamper with copies of a finished, replayed run in every way; write what is noticed."""
     from tests.studies.tampering.cases import all_cases
 
@@ -197,12 +196,11 @@ def tamper_table(
     write_text(
         out, tamper_page(seen, command="python -m tests.studies tampering RUN", press_count=count)
     )
-    write_json(json_file, {"cases": seen})
     say(summary_line(seen))
     say(f"table {out}")
     for miss in misses(seen):
         complain(f"{miss.case} ({miss.care.value}) is not named by {', '.join(miss.unseen_by)}")
-    raise typer.Exit(1 if misses(seen) else 0)
+    return Found({"cases": seen}, passed=not misses(seen))
 
 
 def _require_whole(store: RunStore) -> None:

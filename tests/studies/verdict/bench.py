@@ -109,8 +109,8 @@ def bench_of(run: RunReading, *, preset: Preset, calibrate: Calibrate | None = N
     """Replay a run truly, once for all of its wrong models."""
     inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
     config = run.store.config
-    found = mounted(measured_attempts(run), inputs, config)
-    inputs = found.inputs
+    part = mounted(_part(run, inputs), measured_attempts(run))
+    inputs = part.inputs
     given = run.store.config.sensor.optics_calibration
     optics = optics_of(given, inputs.sensor, calibrate=calibrate)
     say(f"replaying truly, preset {preset.value}")
@@ -123,7 +123,7 @@ def bench_of(run: RunReading, *, preset: Preset, calibrate: Calibrate | None = N
         recorded=load_evidence(run, None),
         pressed=replace(pressed, replay=replay),
         images=images,
-        force_inputs=force_inputs(inputs, config, _part(run, inputs).depths_m, found=found.values),
+        force_inputs=force_inputs(inputs, config, part.depths_m, found=part.found),
     )
 
 

@@ -15,7 +15,7 @@ from reports.evidence.evidence_types import RunEvidence
 from reports.evidence.frames_and_curves import RunReading
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import Found, Jobs, say, show_table, write_text
 from tacauchy_rig.app.replay.report_run import evidence_of
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.markdown_page import page
@@ -238,8 +238,7 @@ def verdict_check(
         "docs/results/verdict_check.md"
     ),
     jobs: Jobs = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Found:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
     from tacauchy_rig.app.cli.emulated_calibration import emulated_calibration
     from tacauchy_rig.app.replay.open_run import open_run
@@ -262,9 +261,8 @@ def verdict_check(
     command = " ".join(["python -m tests.studies verdict", *["RUN"] * len(runs)])
     facts = {"command": command, "preset": preset.value, "version": __version__}
     write_text(out, check_page(true, wrong, **facts))
-    write_json(json_file, {"true": true, "wrong": wrong})
     say(f"page {out}")
-    raise typer.Exit(0 if true.passed and wrong.passed else 1)
+    return Found({"true": true, "wrong": wrong}, passed=true.passed and wrong.passed)
 
 
 def _looked(task: Task, *, bench: Bench) -> Look:

@@ -96,12 +96,8 @@ class PressFolder:
     """The presses of a folder."""
 
     background: ImageArray  # no-contact frame of their session, RGB, shape [height, width, 3]
-    labelled: list[BallPress]  # where there is a table of their circles
-    images: dict[str, ImageArray]  # where there is none, by name
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self.labelled) + len(self.images)
+    presses: list[BallPress]
+    labelled: bool = True  # whether their circles are stated; otherwise they are still to be found
 
 
 def read_input(request: OpticsRequest) -> tuple[CameraGeometry, PressFolder, PressFolder]:
@@ -124,14 +120,14 @@ def read_input(request: OpticsRequest) -> tuple[CameraGeometry, PressFolder, Pre
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
     presses = _read_folder(request, request.folder, background)
-    if len(presses) < FEWEST:
+    if len(presses.presses) < FEWEST:
         raise ConfigError(
-            f"{len(presses)} ball presses are too few to calibrate and to check by",
+            f"{len(presses.presses)} ball presses are too few to calibrate and to check by",
             remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
         )
     if presses.labelled:
-        check_before(presses.labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
-    check = PressFolder(background=background, labelled=[], images={})
+        check_before(presses.presses, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
+    check = PressFolder(background=background, presses=[])
     if request.check is not None:
         own = request.check / request.background.name
         if own.exists():
@@ -149,42 +145,30 @@ def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -
         is_main = folder == request.folder
         table = _in_folder_or_as_given(request.circles, folder) if is_main else table
         table = own if own.exists() else table
-    labelled = read_ball_presses(folder, table) if table else []
-    check_presses_fit(labelled, background)
-    images = {} if table else _images(request, folder, background)
-    return PressFolder(background=background, labelled=labelled, images=images)
-
-
-def rightly_labelled(
-    labelled: Sequence[BallPress], scene: PressScene, *, ball_radius_m: float
-) -> tuple[list[BallPress], list[str]]:
-    """Return presses with their markers followed, and why those are left out that are missing."""
-    presses, wrong = [], []
-    for press in map(scene.followed, labelled):
-        contradiction = wrong_label(press, scene, ball_radius_m=ball_radius_m)
-        if contradiction is None:
-            presses.append(press)
-        else:
-            wrong.append(contradiction)
-    return presses, wrong
+    presses = read_ball_presses(folder, table) if table else _images(request, folder)
+    check_presses_fit(presses, background)
+    return PressFolder(background=background, presses=presses, labelled=table is not None)
 
 
 def find_presses(
     read: PressFolder, scene: PressScene, *, ball_radius_m: float
 ) -> tuple[list[BallPress], list[str]]:
-    """Return the labelled presses, or find the contacts of those without labels; and warnings.
+    """Return the presses with markers followed and contacts found, where no label states these.
 
     Presses whose label their image contradicts are left out, and named in the warnings.
 
     Raises:
         ConfigError: An image shows no contact.
     """
-    presses, wrong = rightly_labelled(read.labelled, scene, ball_radius_m=ball_radius_m)
-    for name, image in read.images.items():
-        unplaced = BallPress(name=name, image=image, circle=Circle(x_px=0, y_px=0, radius_px=1))
-        press = scene.followed(unplaced)
-        circle = find_circle(press, scene, ball_radius_m=ball_radius_m)
-        presses.append(replace(press, circle=circle))
+    presses, wrong = [], []
+    for press in map(scene.followed, read.presses):
+        if not read.labelled:
+            circle = find_circle(press, scene, ball_radius_m=ball_radius_m)
+            presses.append(replace(press, circle=circle))
+        elif contradiction := wrong_label(press, scene, ball_radius_m=ball_radius_m):
+            wrong.append(contradiction)
+        else:
+            presses.append(press)
     return presses, wrong
 
 
@@ -193,20 +177,19 @@ def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
     return folder / path if (folder / path).exists() else path
 
 
-def _images(request: OpticsRequest, folder: Path, background: ImageArray) -> dict[str, ImageArray]:
-    """Return the images of a folder but those that are no presses, by name."""
+def _images(request: OpticsRequest, folder: Path) -> list[BallPress]:
+    """Return the images of a folder but those that are no presses; circles are to be found."""
     frame = _in_folder_or_as_given(request.background, request.folder)
     others = {p.resolve() for p in (frame, folder / frame.name, *request.figures)}
-    images = {
-        path.name: read_rgb(path)
+    unplaced = Circle(x_px=0.0, y_px=0.0, radius_px=1.0)
+    presses = [
+        BallPress(name=path.name, image=read_rgb(path), circle=unplaced)
         for path in sorted(folder.iterdir())
         if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() not in others
-    }
-    if not images:
+    ]
+    if not presses:
         raise ConfigError(f"{folder} holds no image", remedy="give a folder of PNG or JPEG files")
-    for name, image in images.items():
-        check_size(name, image, background)
-    return images
+    return presses
 
 
 # Processor seconds of simulated presses, of figures, of a press's fit with shadows or without
@@ -247,7 +230,7 @@ def calibrate_and_check(
     """
     geometry, given, given_check = read_input(request)
     radius_m, shadows = 0.5 * request.ball_diameter_m, request.sensor.optics.shadows
-    count, depths = len(given), len(DEPTHS_M)
+    count, depths = len(given.presses), len(DEPTHS_M)
     folds = min(request.folds, count)
     fit_s = count * _FIT_S[shadows is not None]
     jobs = min(request.jobs, folds)
@@ -330,7 +313,7 @@ def calibrate_and_check(
         provenance=provenance,
         files=files,
     )
-    order = [press.name for press in given.labelled or presses]
+    order = [press.name for press in given.presses]
     return result, {order.index(item.press.name) + 1: item for item in labelled}
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tacauchy_rig.app.cli.app import COMMANDS, GROUPS, MOVED, PANELS, app, foreseen
+from tacauchy_rig.app.cli.app import COMMANDS, PANELS, Group, app, foreseen
 from tacauchy_rig.core.config.load import example_text
-from tacauchy_rig.core.errors import AbortedError, ConfigError
+from tacauchy_rig.core.errors import AbortedError
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -115,31 +115,21 @@ def test_what_the_computer_refuses_is_no_fault_of_the_program(
     assert remedy in told.remedy
 
 
-@pytest.mark.parametrize("command", MOVED)
-def test_a_command_that_moved_says_where_it_is(command: str) -> None:
-    """Whatever it is called with; the help no longer lists it."""
-    done = CliRunner().invoke(app, [command, "--any", "thing"])
-    assert isinstance(done.exception, ConfigError)
-    assert done.exception.exit_code == 2
-    assert done.exception.remedy.startswith("call `")
-    listed = {name for names in PANELS.values() for name in names}
-    assert command not in listed
-
-
 def test_the_help_lists_few_commands_below_headings() -> None:
-    """At most twenty, each once, and all that there are."""
-    listed = [name for names in PANELS.values() for name in names]
-    assert sorted(listed) == sorted({*COMMANDS, *GROUPS})
-    assert len(listed) <= 20
+    """At most twenty, each once."""
+    assert len(COMMANDS) == sum(map(len, PANELS.values())) <= 20
     shown = CliRunner().invoke(app, ["--help"]).output
     assert shown.index("At the rig") < shown.index("Runs") < shown.index("Studies")
+
+
+GROUPS = {name: each for name, each in COMMANDS.items() if isinstance(each, Group)}
 
 
 @pytest.mark.parametrize(
     "path",
     [
-        *((name,) for name in COMMANDS),
-        *((group, name) for group in GROUPS for name in GROUPS[group][1]),
+        *((name,) for name in COMMANDS.keys() - GROUPS.keys()),
+        *((group, name) for group in GROUPS for name in GROUPS[group].places),
     ],
 )
 def test_every_command_has_an_example(path: tuple[str, ...]) -> None:

@@ -1,10 +1,10 @@
 """``judge`` on a recorded run: its task, a simulator's folder made from it, and the page."""
 
 import csv
-import json
 import tomllib
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,13 +70,19 @@ def test_task_says_what_a_simulator_needs(task: Path) -> None:
     assert not list(task.rglob("image.png"))
 
 
+def judged(**given: Any) -> Any:
+    """Return what ``--json`` would hold."""
+    found = judge(**given)
+    assert found is not None
+    return found.content
+
+
 def test_a_simulator_that_shows_no_contact_is_the_floor(
     run: Path, task: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its scores are the no-contact floor's, and its forces are off by what was added to them."""
     theirs = _theirs(task, tmp_path / "theirs")
-    judge(run=run, out=tmp_path / "judged", folders=[theirs], json_file=tmp_path / "found.json")
-    found = json.loads((tmp_path / "found.json").read_text())
+    found = judged(run=run, out=tmp_path / "judged", folders=[theirs])
     (other,) = found["simulators"]
     assert other["means"]["ssim"] == found["floors"][0]["means"]["ssim"]
     assert other["means"]["force_error_relative"]["mean"] == pytest.approx(0.1)
@@ -88,14 +94,7 @@ def test_outputs_can_stand_for_ours(run: Path, task: Path, tmp_path: Path) -> No
     """A folder named as ours is set against the others."""
     ours = _theirs(task, tmp_path / "ours", name="Ours")
     theirs = _theirs(task, tmp_path / "theirs")
-    judge(
-        run=run,
-        out=tmp_path / "judged",
-        folders=[theirs],
-        ours_folder=ours,
-        json_file=tmp_path / "found.json",
-    )
-    found = json.loads((tmp_path / "found.json").read_text())
+    found = judged(run=run, out=tmp_path / "judged", folders=[theirs], ours_folder=ours)
     assert [each["is_ours"] for each in found["simulators"]] == [True, False]
     assert not any(each["is_lost"] for each in found["contests"])
     assert np.allclose([each["difference"]["mean"] for each in found["contests"]], 0.0)
@@ -118,8 +117,7 @@ def test_a_baseline_is_written_and_judged(
     monkeypatch.setattr(
         "tacauchy_rig.app.cli.emulated_calibration.emulated_calibration", lambda _: None
     )
-    judge(run=run, out=tmp_path, baselines=[Baseline.RIGID], json_file=tmp_path / "found.json")
-    (rigid,) = json.loads((tmp_path / "found.json").read_text())["simulators"]
+    (rigid,) = judged(run=run, out=tmp_path, baselines=[Baseline.RIGID])["simulators"]
     assert rigid["name"] == "rigid penetration"
     assert {path.name for path in (tmp_path / "rigid").iterdir()} >= {"01", "02", "simulator.toml"}
     with pytest.raises(RecordError, match="is not empty"):

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from sim.optics.calibrate.ball_press import read_rgb
 from sim.scene.material import LawName
-from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.press import states_a_scene
+from tacauchy_rig.app.cli.output import documented
+from tacauchy_rig.app.cli.press import StatedScene
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.image_codec import encode_png
 
@@ -178,16 +178,15 @@ GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b
 
 def test_a_command_gets_the_scenes_options_and_its_own() -> None:
     """What was given arrives as the scene's terms, what was not has its default."""
-    seen: list[tuple[SceneTerms, int]] = []
+    seen: list[tuple[StatedScene, int]] = []
 
-    @states_a_scene
-    def command(terms: SceneTerms, twice: Annotated[int, typer.Option("--twice")] = 1) -> None:
+    def command(terms: StatedScene, twice: Annotated[int, typer.Option("--twice")] = 1) -> None:
         """Note what it is called with."""
         seen.append((terms, 2 * twice))
 
     app = typer.Typer()
-    app.command()(command)
+    app.command()(documented(command))
     assert CliRunner().invoke(app, list(GIVEN)).exit_code == 0
-    terms = SceneTerms(indenter="plane", law=LawName.LINEAR, layer=["a", "b"])
+    terms = StatedScene(indenter="plane", law=LawName.LINEAR, layer=["a", "b"])
     assert seen == [(terms, 6)]
     assert CliRunner().invoke(app, ["--twice", "3"]).exit_code == 2

@@ -77,7 +77,7 @@ def test_the_program_tells_it_and_ends_with_one(
     )
     monkeypatch.setattr(run_and_resume, "press", lambda *_, **__: result)
     with pytest.raises(typer.Exit) as caught:
-        run_and_resume.resume(store.paths.root, press_only=True)
+        run_and_resume.resume(run_and_resume.Request(press_only=True), store.paths.root)
     assert caught.value.exit_code == 1
     told = capfd.readouterr().err.splitlines()
     assert told[:3] == [*LINES, "trials without a passed attempt: 3"]
@@ -109,14 +109,14 @@ def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_t
     store = empty_run(tmp_path, loaded)
     hung: list[str] = []
 
-    def hang(_store: object, _config: object, weight: Weight, _emulation: object) -> None:
+    def hang(_store: object, _config: object, weight: Weight) -> None:
         hung.append(str(weight))
 
     monkeypatch.setattr(run_and_resume, "_check_force", hang)
-    run_and_resume._check_force_after(store, store.config, None, None)
+    run_and_resume._check_force_after(store, store.config, None)
     assert hung == []
     store.force_check.save(weighed(1.0))
-    run_and_resume._check_force_after(store, store.config, None, None)
+    run_and_resume._check_force_after(store, store.config, None)
     assert hung == ["200 g"]
 
     def raising(error: RigError) -> None:
@@ -126,11 +126,11 @@ def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_t
         monkeypatch.setattr(run_and_resume, "_check_force", fail)
 
     raising(AbortedError("the input ended"))
-    run_and_resume._check_force_after(store, store.config, None, None)
+    run_and_resume._check_force_after(store, store.config, None)
     assert "force not checked at the end: the input ended" in capfd.readouterr().out
     raising(ForceCheckError("the cell is wrong"))
     with pytest.raises(ForceCheckError, match="after the last trial the cell is wrong"):
-        run_and_resume._check_force_after(store, store.config, None, None)
+        run_and_resume._check_force_after(store, store.config, None)
 
 
 WEIGHT = parse_weight("200g")

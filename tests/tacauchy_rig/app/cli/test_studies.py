@@ -17,7 +17,8 @@ from sim.scene.scene import Preset
 from sim.studies import from_file
 from sim.studies.verification import forces
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.studies import study_command
+from tacauchy_rig.app.cli.output import documented
+from tacauchy_rig.app.cli.studies import StudyRun
 from tacauchy_rig.core import study as core
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
 from tacauchy_rig.core.study import Case, Study
@@ -180,13 +181,12 @@ NINE = Case(name="nine", measure=nine)
 def call(cases: Sequence[Case], *words: str, kind: type[Numbers] = Numbers) -> Result:
     """Run a command of a study with these cases."""
 
-    @study_command
-    def numbers(most: Annotated[float, typer.Option("--most")] = 5.0) -> Study:
+    def numbers(*, most: Annotated[float, typer.Option("--most")] = 5.0, how: StudyRun) -> None:
         """Measure numbers."""
-        return kind(most, cases)
+        how.measure(kind(most, cases))
 
     app = typer.Typer()
-    app.command()(numbers)
+    app.command()(documented(numbers))
     return CliRunner().invoke(app, words)
 
 

@@ -86,7 +86,7 @@ class Bench:
             if not isinstance(item, tuple):
                 yield item, ((1e-4, 0.5), (4e-4, 1.0))
                 continue
-            index = item[1].records[0].index
+            index = item[0].records[0].index
             fields = TrialFields(shape={}, at_nodes={}, at_faces={}, surface=state(1e-4))
             yield item, (replay_of([record(index)]), {index: fields})
 

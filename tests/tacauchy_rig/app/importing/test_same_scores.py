@@ -43,7 +43,7 @@ def calibrated(file: str, sensor: Sensor) -> OpticalCalibration:
 def scored(store: RunStore, optics: str = "") -> tuple[TrialResult, ...]:
     """Replay and report a run."""
     calibrate = partial(calibrated, optics) if optics else None
-    replay_run(open_run(store.paths.root), calibrate=calibrate, on_progress=print)
+    replay_run(open_run(store.paths.root), calibrate=calibrate)
     return report_run(open_run(store.paths.root))[0].trials
 
 

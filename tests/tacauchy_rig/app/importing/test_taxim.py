@@ -96,8 +96,8 @@ def test_optics_are_calibrated_from_the_run(tmp_path: Path) -> None:
     assert request.scale_px_m == pytest.approx((33898.3, 33898.3), rel=1e-5)
     assert request.out == run.store.paths.root / "optics" / "calibration.npz"
     _, read, _ = read_input(request)
-    assert [press.circle.y_px for press in read.labelled] == [200.0 + 10 * k for k in range(6)]
-    assert read.labelled[1].image[0, 0].tolist() == [70, 60, 51]
+    assert [press.circle.y_px for press in read.presses] == [200.0 + 10 * k for k in range(6)]
+    assert read.presses[1].image[0, 0].tolist() == [70, 60, 51]
     assert read.background[0, 0].tolist() == [30, 20, 10]
 
 

@@ -14,21 +14,15 @@ from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
 from sim.sensor.sensor import MarkerGrid, load_sensor
 from tacauchy_rig.app.replay.chosen_optics import nominal_optics
-from tacauchy_rig.app.replay.rendering import (
-    STATES,
-    WIDTH_PX,
-    intermediate_arrays,
-    marker_motion,
-    spread,
-)
-from tacauchy_rig.app.replay.simulator_inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.rendering import STATES, WIDTH_PX, intermediate_arrays, marker_motion
+from tacauchy_rig.app.replay.simulator_inputs import Part, ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.tilt_and_place import (
     Dwell,
     find_offset,
+    mounted,
     offset_of,
     tilt_of,
     tilted_curve,
-    with_found_tilt,
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
@@ -112,15 +106,6 @@ def test_a_walk_with_another_gel_passes_the_same(inputs: ReplayInputs) -> None:
         np.testing.assert_allclose(np.interp(ways[1][0], ways[0][0], told), known, rtol=0.03)
 
 
-def test_a_few_of_many_end_with_the_last() -> None:
-    """Evenly, and all where there are few."""
-    many: list[Any] = list(range(20))
-    assert len(spread(many)) == STATES
-    assert spread(many)[-1] == 19
-    assert len(set(spread(many))) == STATES
-    assert spread(many[:3]) == many[:3]
-
-
 GRID = MarkerGrid(columns=4, rows=3, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)
 
 
@@ -153,15 +138,22 @@ def configured(*overrides: str) -> RigConfig:
     return load_config(overrides=overrides).config
 
 
+def found_in(dwells: list[Dwell], config: RigConfig) -> Part:
+    """Return the presses with the tilt that dwells show."""
+    part = Part(inputs=inputs_of(config), records=(), config=config)
+    known: dict[str, Any] = {"press_duration_s": None}
+    seen: list[Any] = [SimpleNamespace(record=r, dwell_wrench=w, **known) for r, w in dwells]
+    return mounted(part, seen)
+
+
 @pytest.mark.slow
 def test_a_tilt_that_costs_too_much_is_simulated() -> None:
     """A degree, in an emulated world of another gel, arm and noise, is found and switched on."""
     config = configured()
-    found = with_found_tilt(
-        drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), config), inputs_of(config), config
-    )
+    dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), config)
+    found = found_in(dwells, config)
     tilt = np.array(found.inputs.tilt_rad)
-    doubt = np.array([value.uncertainty for value in found.values])
+    doubt = np.array([value.uncertainty for value in found.found])
     assert np.all(np.abs(tilt - np.array([0.8, -0.6]) * DEGREE) < 2.5 * doubt)
     assert np.all(doubt < 0.25 * DEGREE)
     (row,) = found.effects
@@ -186,9 +178,9 @@ def test_a_tilt_of_no_consequence_is_left_out(
     """
     config = configured(*overrides)
     dwells = drawn_dwells(seed, (tilt_rad, 0.0), config)[1::2]
-    found = with_found_tilt(dwells, inputs_of(config), config)
+    found = found_in(dwells, config)
     assert found.inputs == inputs_of(config)
-    assert all(value.taken for value in found.values) == taken
+    assert all(value.taken for value in found.found) == taken
     assert why in found.effects[0]["reason"]
     assert not found.effects[0]["on"]
 
@@ -211,8 +203,8 @@ def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, wh
     """Nothing is taken, and what was stated stays."""
     dwells = drawn_dwells(3, (DEGREE, 0.0), configured())[kept]
     config = configured(*overrides, 'replay.tilt=["0.5 deg", "0 deg"]')
-    found = with_found_tilt(dwells, inputs_of(config), config)
-    assert all(value.value is None and why in value.basis for value in found.values)
+    found = found_in(dwells, config)
+    assert all(value.value is None and why in value.basis for value in found.found)
     assert found.inputs.tilt_rad == (0.5 * DEGREE, 0.0)
 
 
@@ -243,10 +235,9 @@ def _about(
 def test_a_stated_pose_is_taken_as_it_is() -> None:
     """Nothing is looked for."""
     config = configured("replay.pose=stated", 'replay.tilt=["0.5 deg", "0 deg"]')
-    unread: list[Dwell] = []
-    found = with_found_tilt(unread, inputs_of(config), config)
+    found = found_in([], config)
     assert found.inputs == inputs_of(config)
-    assert found.values == found.effects == ()
+    assert found.found == found.effects == ()
 
 
 def test_a_tilt_begins_deeper() -> None:

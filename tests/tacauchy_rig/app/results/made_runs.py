@@ -9,13 +9,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import uvicorn
 
 from protocols.processes.page.access_token import AccessRule
+from reports.evidence.frames_and_curves import RunReading
 from tacauchy_rig.app.gel_health import GelState, PressMeasures, compare_presses
-from tacauchy_rig.app.results.results_pages import Health, ResultsServer
+from tacauchy_rig.app.results.results_pages import ResultsServer
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.recorded_run import empty_run
 
@@ -52,7 +54,7 @@ def reported(folder: Path, *, modulus: float) -> None:
     (report / "summary.json").write_text(json.dumps(summary), "utf-8")
 
 
-def judged(before: Path, now: Path) -> GelState:
+def judged(before: RunReading, now: RunReading) -> GelState:
     """A gel that became a fifth stiffer, whatever was recorded."""
     depth_m = np.linspace(0.0, 4e-4, 100)
     seen = PressMeasures(
@@ -64,7 +66,7 @@ def judged(before: Path, now: Path) -> GelState:
         zero_deviation_n=0.01,
     )
     stiffer = replace(seen, force_n=6e3 * depth_m)
-    same = before.name == now.name
+    same = before.store.paths.root == now.store.paths.root
     return compare_presses(seen, seen if same else stiffer, depth_uncertainty_m=5e-6)
 
 
@@ -112,9 +114,7 @@ def served(runs: Path, *, only: str = "") -> Iterator[Client]:
     listener = socket.socket()
     listener.bind(("127.0.0.1", 0))
     port = listener.getsockname()[1]
-    results = ResultsServer(
-        runs, AccessRule(TOKEN, port=port), only=only, health=Health(judge=judged)
-    )
+    results = ResultsServer(runs, AccessRule(TOKEN, port=port), only=only)
     # uvicorn's own settings of logging would close the handlers of other packages, and with them
     # the files that pytest captures into.
     config = uvicorn.Config(results.app, http="h11", ws="none", lifespan="off", log_config=None)
@@ -124,7 +124,8 @@ def served(runs: Path, *, only: str = "") -> Iterator[Client]:
     while not server.started:
         time.sleep(0.01)
     try:
-        yield Client(port)
+        with patch("tacauchy_rig.app.results.results_pages.compare_runs", judged):
+            yield Client(port)
     finally:
         server.should_exit = True
         thread.join()

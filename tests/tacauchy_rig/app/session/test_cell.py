@@ -17,9 +17,7 @@ from tacauchy_rig.app.session.record_run_and_weight_check import (
     mark_expired,
     needs_weight,
     note_changes,
-    record_run,
     require_bounded_force,
-    require_right_cell,
     standing_check,
 )
 from tacauchy_rig.core.config.load import Change, load_config
@@ -76,11 +74,11 @@ def test_a_wrong_cell_refuses_the_run_until_it_is_right(
     assert caught.value.exit_code == 2
     assert "a tenth" in caught.value.remedy
     with pytest.raises(ForceCheckError, match="sensor was wrong at its last check") as caught:
-        require_right_cell(store)
+        require_bounded_force(store, store.config)
     assert "--check-weight 200g" in caught.value.remedy
     weighs(monkeypatch, 1.0)
     check_cell(store, store.config, WEIGHT, ask=lambda _: None)
-    require_right_cell(store)
+    require_bounded_force(store, store.config)
     assert not standing_check(store)
     assert _journalled(store) == 2
 
@@ -106,7 +104,7 @@ def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
     coarse = 'robot.model="cb3"'
     store = new_store(coarse)
     with pytest.raises(ForceCheckError, match=r"robot\.model cb3 feels force to 7\.5 N") as caught:
-        record_run(store, on_event=lambda _: None)
+        require_bounded_force(store, store.config)
     assert "more than 2.38 N; nothing moved" in caught.value.message
     assert "--check-weight 200g" in caught.value.remedy
     assert "limits.allow_unchecked_force = true" in caught.value.remedy
