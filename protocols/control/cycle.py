@@ -5,7 +5,7 @@ hands over to be kept goes entry by entry.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -227,6 +227,15 @@ class Reading:
     presses: tuple[Press, ...]
     arm: run.ArmSample
     now_ns: int
+
+
+def turns(turn: Callable[[], Reading], limit_s: float) -> Iterator[Reading]:
+    """Yield what turn after turn brings, at least one, until ``limit_s`` [s] are over."""
+    reading = turn()
+    deadline_ns = reading.now_ns + round(limit_s * 1e9)
+    while reading.now_ns <= deadline_ns:
+        yield reading
+        reading = turn()
 
 
 class Cycle:
