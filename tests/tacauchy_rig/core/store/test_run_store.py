@@ -181,9 +181,9 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"written": 3}, "run.json: written: missing or of the wrong type"),
+        ({"written": 3}, "run.json: written: 3: Input should be an object"),
         ({"format": 2}, "run.json: written in format 2; this program reads 1"),
-        ({"config_hash": None}, "run.json: config_hash: missing or of the wrong type"),
+        ({"config_hash": None}, "run.json: config_hash: None: Input should be a valid string"),
         ({"written": {"robot.host": 3}}, "run.json: written: robot.host: 3 is not text"),
     ],
 )
