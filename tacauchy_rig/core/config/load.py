@@ -331,8 +331,8 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
         return config
     missing = list(required_but_missing(config, defaulted))
     # Rules that tie places together say nothing where some of the places are the dry run's.
-    broken = broken_rules(config, placed=not any(name in ARM_REQUIRES for name, *_ in missing))
-    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
+    broken = broken_rules(config, placed=not any(rule.field in ARM_REQUIRES for rule in missing))
+    problems = [str(rule) for rule in (*missing, *broken)]
     if problems:
         remedy = f"{_EXAMPLE}; {_SHOW}" if missing else _SHOW
         raise ConfigError("\n".join(problems), remedy=remedy)

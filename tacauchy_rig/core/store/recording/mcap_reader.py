@@ -9,7 +9,7 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
@@ -52,6 +52,11 @@ _MAX_MESSAGES = 5_000_000
 _LATEST_NS = 2**63 - 1
 _MALFORMED = (McapError, struct.error, ValueError)
 """What its records raise where their checksums are right and their content is not."""
+_SUMMARISED: dict[int, type[Channel | Statistics]] = {
+    Opcode.CHANNEL: Channel,
+    Opcode.STATISTICS: Statistics,
+}
+"""What is read of a summary; its index of every chunk is left out."""
 _DATA_END_SIZE = _RECORD_HEADER.size + 4
 _MESSAGE_INDEX = struct.Struct("<HI")
 
@@ -185,20 +190,13 @@ def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
     if zlib.crc32(tail[: FOOTER_SIZE - 4], zlib.crc32(body)) != footer.summary_crc:
         return []
     try:
-        return [*_summarised(body), footer]
+        return [
+            _SUMMARISED[opcode].read(ReadDataStream(BytesIO(body[start:end])))
+            for opcode, start, end in _records(body)
+            if opcode in _SUMMARISED
+        ] + [footer]
     except _MALFORMED:
         return []
-
-
-def _summarised(body: bytes) -> Iterator[McapRecord]:
-    """Yield channels and statistics of a summary; its index of every chunk is left out."""
-    readers: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-        Opcode.CHANNEL: Channel.read,
-        Opcode.STATISTICS: Statistics.read,
-    }
-    for opcode, start, end in _records(body):
-        if opcode in readers:
-            yield readers[opcode](ReadDataStream(BytesIO(body[start:end])))
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
@@ -243,23 +241,17 @@ def _find_chunk(descriptor: int, scan: Scan, offset: int, limit: int) -> int | N
 
     Bytes that look like many long chunks are not all tried: the work stays a multiple of the size.
     """
-    for candidate in _candidates(descriptor, offset, limit):
-        header = os.pread(descriptor, _CHUNK_HEADER.size, candidate)
-        scan.search_bytes -= min(_CHUNK_HEADER.unpack(header)[-1], limit) if header else 0
-        if scan.search_bytes < 0:
-            return None
-        if _read_chunk(descriptor, candidate, limit) is not None:
-            return candidate
-    return None
-
-
-def _candidates(descriptor: int, offset: int, limit: int) -> Iterator[int]:
-    while offset < limit:
-        block = os.pread(descriptor, _SEARCH_BLOCK + _CHUNK_HEADER.size - 1, offset)
+    for start in range(offset, limit, _SEARCH_BLOCK):
+        block = os.pread(descriptor, _SEARCH_BLOCK + _CHUNK_HEADER.size - 1, start)
         for match in _CHUNK_START.finditer(block):
-            if match.start() < _SEARCH_BLOCK:
-                yield offset + match.start()
-        offset += _SEARCH_BLOCK
+            candidate = start + match.start()
+            header = os.pread(descriptor, _CHUNK_HEADER.size, candidate)
+            scan.search_bytes -= min(_CHUNK_HEADER.unpack(header)[-1], limit) if header else 0
+            if scan.search_bytes < 0:
+                return None
+            if _read_chunk(descriptor, candidate, limit) is not None:
+                return candidate
+    return None
 
 
 def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] | None:
