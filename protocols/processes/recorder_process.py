@@ -20,7 +20,7 @@ from protocols.processes.child_process import ask_for_priority, ignore_signals, 
 from protocols.processes.ipc import Ack, CameraStatus, Channel, Job, Ready
 from tacauchy_rig.core.errors import DeviceError, RecordError, RigError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.journal import Journal, append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter, Topic, encode
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -116,7 +116,7 @@ class RecordKeeper:
 
 def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
     try:
-        known = read_journal(store.paths.journal)
+        known = Journal.read(store.paths.journal).events
     except RecordError:
         return False
     return any(line.stamp_ns == event.stamp_ns and line.name == event.name for line in known)

@@ -102,9 +102,9 @@ class ForceHistory:
 
     def criterion(self) -> Criterion:
         """Return whether the force sensor agrees with all that was compared with it."""
-        return Criterion.judged(
-            FORCE_HISTORY,
-            self.excess,
+        return Criterion(
+            name=FORCE_HISTORY,
+            measured=self.excess,
             passed=not self.fault,
             limit=f"at most 1 of what {' and '.join(self.sources)} allow",
             unit="",

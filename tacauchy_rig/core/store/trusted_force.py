@@ -11,7 +11,7 @@ from tacauchy_rig.core.force_sensor_gain import (
 )
 from tacauchy_rig.core.known_weight import ForceCheck
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.json_codec import read_value
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -55,10 +55,10 @@ def force_series(store: RunStore) -> ForceSeries:
         RecordError: The journal cannot be read.
     """
     series, trusted = ForceSeries(), dict[tuple[int, int], TrialRecord]()
-    if store.config.is_imported or not store.paths.journal.exists():
+    if store.config.is_imported:
         return series
     wrong_weight = ""
-    for event in read_journal(store.paths.journal):
+    for event in Journal.read(store.paths.journal).events:
         if event.name == "force-check":
             check = read_value(ForceCheck, event.detail, source="journal.jsonl: force-check")
             wrong_weight = "" if check.passed else f"the cell was wrong afterwards: {check.finding}"
