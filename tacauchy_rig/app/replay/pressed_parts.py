@@ -271,7 +271,7 @@ def replay_parts(
     if missing:  # the summary of an older replay goes: its files are about to change
         run.store.paths.replay_json(name).unlink(missing_ok=True)
     items = [(k, parts[k], fit, files[k].stated() if fits else ()) for k in missing]
-    work = parallel_map(_press, items, jobs=jobs, new_process_each=False)
+    work = parallel_map(_press, items, jobs=jobs)
     with doing("pressing to what was measured") as tell:
         for number, ((k, part, *_), pressed) in enumerate(work, start=1):
             done[k] = files[k].keep(fit, pressed, optics)
@@ -301,7 +301,7 @@ def _press_stated(
     """Press the gel with the stated modulus at each place where that is not on disk."""
     pairs = zip(parts, files, strict=True)
     lacking = {k: part for k, (part, own) in enumerate(pairs) if part.forces_n and not own.stated()}
-    work = parallel_map(stated_history, list(lacking.values()), jobs=jobs, new_process_each=False)
+    work = parallel_map(stated_history, list(lacking.values()), jobs=jobs)
     with doing("pressing the gel of the stated modulus") as tell:
         found = zip(lacking, work, strict=True)
         for number, (k, (part, history)) in enumerate(found, start=1):
