@@ -345,9 +345,8 @@ def _complete_journal(
     known = set(map(_identity, journal.events))
     for key in unfinished:
         recorded: list[JournalEvent] = []
-        if (recording := store.paths.recording(*key)).exists():
-            with suppress(RecordError):
-                recorded = Recording.open(recording).events()
+        with suppress(RecordError):  # it is missing, or beyond repair
+            recorded = store.recording(*key).events()
         for event in recorded:
             if (event.trial, event.attempt) == key and _identity(event) not in known:
                 append_event(path, event)
