@@ -5,7 +5,7 @@ hands over to be kept goes entry by entry.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -101,17 +101,21 @@ class Journal:
 
 
 class RateMeter:
-    """Counts what arrives; ``report`` says how well."""
+    """Counts what arrives; ``report`` says how well.
+
+    Attributes:
+        arm_count: States of the arm.
+        turns_s: How long each turn of the control loop took [s].
+        record_lag_s: How far the disk was behind at most [s].
+    """
 
     def __init__(self) -> None:
+        self.arm_count, self.record_lag_s = 0, 0.0
+        self.turns_s: list[float] = []
         self._force: list[run.ForceSample] = []
         self._frames: list[FrameMark] = []
-        self._turns_s: list[float] = []
-        self._arm_count = 0
         self._frames_lost: list[int] = []
-        self._clipped_ratio = 0.0
-        self._record_lag_s = 0.0
-        self._force_lag_s = 0.0
+        self._clipped_ratio = self._force_lag_s = 0.0
 
     def force(self, samples: Sequence[run.ForceSample], *, lag_s: float) -> None:
         """Count force samples that arrived ``lag_s`` [s] late, against the undelayed stream."""
@@ -123,18 +127,6 @@ class RateMeter:
         self._frames += marks
         self._frames_lost[1:] = [health.lost_count]  # the first and the last
         self._clipped_ratio = max(self._clipped_ratio, health.clipped_ratio)
-
-    def arm(self, count: int) -> None:
-        """Count arm states."""
-        self._arm_count += count
-
-    def record_lag(self, lag_s: float) -> None:
-        """Note how far the disk is behind [s]."""
-        self._record_lag_s = max(self._record_lag_s, lag_s)
-
-    def turn(self, duration_s: float) -> None:
-        """Note how long a turn of the control loop took [s]."""
-        self._turns_s.append(duration_s)
 
     def frame_count(self, start_ns: int, end_ns: int) -> int:
         """Return how many frames arrived within a window."""
@@ -154,16 +146,16 @@ class RateMeter:
 
     def report(self) -> dict[str, float]:
         """Return the numbers of ``TrialRecord.rates``; units are in the keys."""
-        turns_ms = np.array(self._turns_s or [0.0]) * 1e3
+        turns_ms = np.array(self.turns_s or [0.0]) * 1e3
         span_s = float(np.sum(turns_ms)) * 1e-3
         dropped = self._frames_lost or [0]
         return {
             **_stream("force", self._force),
             **_stream("image", self._frames, dropped_count=dropped[-1] - dropped[0]),
             "image_clipped_ratio": self._clipped_ratio,
-            "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
+            "arm_rate_hz": self.arm_count / span_s if span_s > 0.0 else 0.0,
             "force_lag_max_ms": self._force_lag_s * 1e3,
-            "record_lag_max_ms": self._record_lag_s * 1e3,
+            "record_lag_max_ms": self.record_lag_s * 1e3,
             "control_loop_ms_p50": float(np.percentile(turns_ms, 50)),
             "control_loop_ms_p99": float(np.percentile(turns_ms, 99)),
             "control_loop_ms_max": float(np.max(turns_ms)),
@@ -227,6 +219,15 @@ class Reading:
     presses: tuple[Press, ...]
     arm: run.ArmSample
     now_ns: int
+
+
+def turns(turn: Callable[[], Reading], limit_s: float) -> Iterator[Reading]:
+    """Yield what turn after turn brings, at least one, until ``limit_s`` [s] are over."""
+    reading = turn()
+    deadline_ns = reading.now_ns + round(limit_s * 1e9)
+    while reading.now_ns <= deadline_ns:
+        yield reading
+        reading = turn()
 
 
 class Cycle:
@@ -352,7 +353,7 @@ class Cycle:
         now_ns = clock.now_ns()
         turn_s = PERIOD_S if self._turned_ns is None else (now_ns - self._turned_ns) * 1e-9
         self._turned_ns = now_ns
-        self.rates.turn(turn_s)
+        self.rates.turns_s.append(turn_s)
         return turn_s
 
     def _kick(self) -> None:
@@ -383,7 +384,7 @@ class Cycle:
             if states:
                 self.sink.put(tuple(states))
             self.last_state = state = self.rig.arm.state()
-        self.rates.arm(len(states))
+        self.rates.arm_count += len(states)
         self.workspace.check_state(state)
         self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
 
@@ -393,7 +394,7 @@ class Cycle:
             self.witness.check(forces_n, states, z_m=z_m, seen=self._touch_seen)
 
     def _watch_record(self) -> None:
-        self.rates.record_lag(self.sink.lag_s())
+        self.rates.record_lag_s = max(self.rates.record_lag_s, self.sink.lag_s())
         if problem := self.sink.problem():
             raise BreachError(
                 problem,

@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -109,7 +110,7 @@ class Launched:
     def __init__(self, name: str, job: Job, *, module: str = "") -> None:
         self.name = name
         self.killed = False  # by this supervisor
-        self.last_message_s = time.monotonic()
+        self.started_s = self.last_message_s = time.monotonic()
         self.log = job.root / LOG_FOLDER / f"{name}.log"
         self.log.parent.mkdir(exist_ok=True)
         self.channel, theirs = Channel.pair()
@@ -221,14 +222,17 @@ END_S = 2.0
 class Viewing:
     """The viewers of a session, their feeds, and the page's address, which a restart keeps.
 
-    The page shows what the ``others`` show; ``address`` holds its token and is empty without one.
+    A viewer is started again when it dies or hangs, on the sockets that it had, and given up after
+    some times. The page shows what the ``others`` show; ``address`` holds its token and is empty
+    without one.
     """
 
     def __init__(
         self, page: PageOptions | None, job: Job, others: Sequence[ViewerOptions] = ()
     ) -> None:
         self._job = job
-        self._viewers: dict[str, Viewer] = {}
+        self._children: dict[str, Launched] = {}  # the viewers that run, by name
+        self._starts: Counter[str] = Counter()
         self._listener: socket.socket | None = None
         self._options = list(others)
         self.address = ""
@@ -252,16 +256,30 @@ class Viewing:
     def start(self) -> None:
         """Start every viewer."""
         for each in self._options:
-            ends = self.feeds.descriptors(each.name)
-            if each.name == PAGE and self._listener is not None:
-                ends["listen"] = self._listener.fileno()
-            job = replace(self._job, descriptors=ends, options=each.options)
-            self._viewers[each.name] = Viewer(each.name, job, module=each.module)
+            self._start(each)
+
+    def _start(self, viewer: ViewerOptions) -> str:
+        """Start a viewer, and return what became of that."""
+        name = viewer.name
+        self._starts[name] += 1
+        if self._starts[name] > STARTS_MAX:
+            return "not started again"
+        ends = self.feeds.descriptors(name)
+        if name == PAGE and self._listener is not None:
+            ends["listen"] = self._listener.fileno()
+        again = self._starts[name] > 1
+        job = replace(self._job, descriptors=ends, options=viewer.options, again=again)
+        try:
+            child = self._children[name] = Launched(name, job, module=viewer.module)
+        except OSError as error:
+            logger.error("%s: it cannot be started (%s)", name, error)
+            return f"it cannot be started ({error})"
+        child.last_message_s += START_S - SILENT_S
+        return "started again"
 
     def running(self) -> list[Launched]:
         """Return the viewers that can be spoken to."""
-        children = (viewer.child for viewer in self._viewers.values())
-        return [child for child in children if child is not None and not child.channel.closed]
+        return [child for child in self._children.values() if not child.channel.closed]
 
     def send(self, event: JournalEvent) -> None:
         """Tell each viewer of an event; one that is too slow misses it."""
@@ -269,16 +287,32 @@ class Viewing:
             viewer.channel.send(event)
 
     def restart_ended(self) -> Iterator[tuple[str, str]]:
-        """Start again what is gone; yield its name and what happened."""
-        for name, viewer in self._viewers.items():
-            if happened := viewer.restart_if_ended():
-                yield name, happened
+        """Start again what is gone or silent; yield its name and what happened."""
+        for viewer in self._options:
+            child = self._children.get(viewer.name)
+            if child is None:
+                continue
+            if not child.has_ended and time.monotonic() - child.last_message_s > SILENT_S:
+                child.kill()
+            if not child.has_ended:
+                continue
+            end = child.describe_end()
+            self._children.pop(viewer.name).close()
+            # What it said at its start, that it cannot be, it would say again.
+            at_start = time.monotonic() - child.started_s < START_S
+            refused = at_start and not child.killed and child.process.poll() == RigError.exit_code
+            then = "not started again" if refused else self._start(viewer)
+            yield viewer.name, f"{end}; {then}; the run goes on"
 
     def end(self, *, keep_page: bool = False) -> None:
-        """Let every viewer finish, or all but the page."""
-        for name, viewer in self._viewers.items():
-            if name != PAGE or not keep_page:
-                viewer.end()
+        """Let every viewer finish, or all but the page, and end one that does not."""
+        for name in [each for each in self._children if each != PAGE or not keep_page]:
+            child = self._children.pop(name)
+            child.channel.send(Order.STOP)
+            deadline = time.monotonic() + END_S
+            while not child.has_ended and time.monotonic() < deadline:
+                time.sleep(0.01)
+            child.close()
 
     def tell_page(self, state: str, text: str, *, passed: bool | None = None) -> None:
         """Tell a page that was kept what is done with the recorded run."""
@@ -289,16 +323,14 @@ class Viewing:
 
     def release(self) -> None:
         """Leave a page that was kept to those who watch it, and let go of all sockets."""
-        for viewer in self._viewers.values():
-            if viewer.child is not None:
-                viewer.child.release()
-                viewer.child = None
+        while self._children:
+            self._children.popitem()[1].release()
         self.close()
 
     def close(self) -> None:
         """End every viewer and let go of all sockets."""
-        for viewer in self._viewers.values():
-            viewer.close()
+        while self._children:
+            self._children.popitem()[1].close()
         if self._listener is not None:
             self._listener.close()
         self.feeds.close()
@@ -322,64 +354,3 @@ def listen(port: int, *, option: str = "--page") -> socket.socket:
         ) from error
     listener.listen(BACKLOG)
     return listener
-
-
-class Viewer:
-    """Started again when it dies or hangs, on the sockets that it had; given up after some times.
-
-    The descriptors of ``job`` stay open in this process; ``child`` is None where it does not run.
-    """
-
-    def __init__(self, name: str, job: Job, *, module: str) -> None:
-        self.child: Launched | None = None
-        self._name, self._job, self._module = name, job, module
-        self._starts, self._started_s = 0, 0.0
-        self._start()
-
-    def restart_if_ended(self) -> str:
-        """Start it again if it is gone or silent; return what happened, or an empty text."""
-        child = self.child
-        if child is None:
-            return ""
-        if not child.has_ended and time.monotonic() - child.last_message_s > SILENT_S:
-            child.kill()
-        if not child.has_ended:
-            return ""
-        end = child.describe_end()
-        self.close()
-        # What it said at its start, that it cannot be, it would say again.
-        at_start = time.monotonic() - self._started_s < START_S
-        refused = at_start and not child.killed and child.process.poll() == RigError.exit_code
-        then = "not started again" if refused else self._start()
-        return f"{end}; {then}; the run goes on"
-
-    def end(self) -> None:
-        """Let it finish, and end it if it does not."""
-        if self.child is None:
-            return
-        self.child.channel.send(Order.STOP)
-        deadline = time.monotonic() + END_S
-        while not self.child.has_ended and time.monotonic() < deadline:
-            time.sleep(0.01)
-        self.close()
-
-    def close(self) -> None:
-        """End it at once, if it runs."""
-        if self.child is not None:
-            self.child.close()
-            self.child = None
-
-    def _start(self) -> str:
-        """Start it, and return what became of that."""
-        self._starts += 1
-        self._started_s = time.monotonic()
-        if self._starts > STARTS_MAX:
-            return "not started again"
-        try:
-            job = replace(self._job, again=self._starts > 1)
-            self.child = Launched(self._name, job, module=self._module)
-        except OSError as error:
-            logger.error("%s: it cannot be started (%s)", self._name, error)
-            return f"it cannot be started ({error})"
-        self.child.last_message_s += START_S - SILENT_S
-        return "started again"

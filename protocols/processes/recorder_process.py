@@ -20,7 +20,7 @@ from protocols.processes.child_process import ask_for_priority, ignore_signals, 
 from protocols.processes.ipc import Ack, CameraStatus, Channel, Job, Ready
 from tacauchy_rig.core.errors import DeviceError, RecordError, RigError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.journal import Journal, append_event
 from tacauchy_rig.core.store.recording.mcap_writer import RawMessage, RecordingWriter, Topic, encode
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -116,7 +116,7 @@ class RecordKeeper:
 
 def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
     try:
-        known = read_journal(store.paths.journal)
+        known = Journal.read(store.paths.journal).events
     except RecordError:
         return False
     return any(line.stamp_ns == event.stamp_ns and line.name == event.name for line in known)
@@ -264,10 +264,8 @@ class RecorderLink:
         self._acks = Channel.inherited(descriptors["recorder-acks"])
         self._store = store
         self._source = source
-        self._number = 0
-        self._waiting: deque[_Waiting] = deque()
-        self._unsent: deque[_Waiting] = deque()
-        self._waiting_bytes = 0
+        self._number = self._sent_number = 0  # of the newest entry, and of the newest sent
+        self._waiting: deque[_Waiting] = deque()  # what is not acknowledged
         self._changed = threading.Condition()
         self._problem = ""
         self._spilling = False
@@ -283,10 +281,8 @@ class RecorderLink:
             self._enter(entry)
         with self._changed:
             self._number += 1
-            waiting = _Waiting(self._number, kept, self.attempt, size, time.monotonic())
-            self._waiting.append(waiting)
-            self._unsent.append(waiting)
-            self._waiting_bytes += size
+            since_s = time.monotonic()
+            self._waiting.append(_Waiting(self._number, kept, self.attempt, size, since_s))
             self._changed.notify_all()
         if isinstance(entry, End):
             self._enter(BETWEEN_ATTEMPTS)
@@ -302,7 +298,7 @@ class RecorderLink:
                 with self._changed:
                     self.kept = message
                     while self._waiting and self._waiting[0].number <= message.through:
-                        self._waiting_bytes -= self._waiting.popleft().size
+                        self._waiting.popleft()
             elif isinstance(message, RigError):
                 self._note(f"recorder: {message.message}")
         if self._acks.closed and not self._closing:
@@ -314,8 +310,10 @@ class RecorderLink:
         lag_s = self.lag_s()
         if lag_s > STALLED_S and not self._spilling:
             self._note(f"recorder: it has acknowledged nothing for {lag_s:.1f} s")
-        if self._waiting_bytes > WAITING_BYTES_MAX:
-            self._note(f"recorder: {self._waiting_bytes >> 20} MB wait for the disk")
+        with self._changed:
+            size = sum(each.size for each in self._waiting)
+        if size > WAITING_BYTES_MAX:
+            self._note(f"recorder: {size >> 20} MB wait for the disk")
         return self._problem
 
     def lag_s(self) -> float:
@@ -363,11 +361,12 @@ class RecorderLink:
     def _next_unsent(self) -> _Waiting | None:
         """Return the next entry to send; None when the link is broken or all is sent."""
         with self._changed:
-            while not self._unsent and not self._closing and not self._problem:
+            while self._sent_number == self._number and not self._closing and not self._problem:
                 self._changed.wait(0.1)
-            if self._problem or not self._unsent:
+            if self._problem or self._sent_number == self._number:
                 return None
-            return self._unsent.popleft()
+            self._sent_number += 1
+            return self._waiting[self._sent_number - self._waiting[0].number]
 
     def _spill(self) -> None:
         """Keep what waits beside the recording of the attempt that it belongs to."""
@@ -390,11 +389,7 @@ class RecorderLink:
         with self._changed:
             while not self._waiting and not self._closing:
                 self._changed.wait(0.1)
-            if not self._waiting:
-                return None
-            waiting = self._waiting.popleft()
-            self._waiting_bytes -= waiting.size
-            return waiting
+            return self._waiting.popleft() if self._waiting else None
 
 
 class RemoteCamera:

@@ -140,7 +140,9 @@ class Supervisor:
         arm_side_s = config.robot.connect_timeout * 2 + config.force_sensor.connect_timeout
         connect_s = max(arm_side_s, config.camera.connect_timeout)
         deadline = time.monotonic() + START_MARGIN_S + connect_s
-        while len(self._ready) < len(self._children) and not self._abort.count:
+        while (
+            len(self._ready) + len(self._failures) < len(self._children) and not self._abort.count
+        ):
             self._listen()
             is_late = time.monotonic() > deadline
             for name, child in self._children.items():
@@ -152,8 +154,6 @@ class Supervisor:
                     why = child.describe_end()
                 if why:
                     self._failures.setdefault(name, DeviceError(why, remedy=f"read {child.log}"))
-            if len(self._ready) + len(self._failures) == len(self._children):
-                break
         if self._failures and not self._abort.count:
             self._end_children()
             raise DeviceError(

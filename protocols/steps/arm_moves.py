@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from protocols.control.cycle import Cycle, Journal, Press
+from protocols.control.cycle import Cycle, Journal, Press, turns
 from protocols.guard.breach_reaction import BreachError, Reaction, reaction_to
 from protocols.guard.force_limits import Contact
 from protocols.guard.place_and_motion import Floor, describe, search_floor
@@ -32,14 +32,13 @@ def move_to(cycle: Cycle, target: Pose, *, speed: float) -> None:
     """Move in a straight line [m/s] and return on arrival."""
     start = cycle.turn().arm.pose
     distance = math.dist(start.position, target.position)
-    deadline_ns = cycle.rig.clock.now_ns() + round((1.5 * distance / speed + SPARE_S) * 1e9)
     cycle.start_move(target, speed=speed)
-    reading = cycle.turn()
-    while cycle.is_moving():
-        if reading.now_ns > deadline_ns:
-            cycle.stop()
-            raise _not_arrived(target, reading.arm.pose, "in time")
-        reading = cycle.turn()
+    for _ in turns(cycle.turn, 1.5 * distance / speed + SPARE_S):
+        if not cycle.is_moving():
+            break
+    else:
+        cycle.stop()
+        raise _not_arrived(target, cycle.turn().arm.pose, "in time")
     reading = cycle.turn()
     if math.dist(reading.arm.pose.position, target.position) > ARRIVED_M:
         raise _not_arrived(target, reading.arm.pose, "there")
@@ -48,12 +47,9 @@ def move_to(cycle: Cycle, target: Pose, *, speed: float) -> None:
 def come_to_rest(cycle: Cycle) -> None:
     """Stop and turn until the arm stands still, at most ``REST_TIMEOUT_S``."""
     cycle.stop()
-    deadline_ns = cycle.rig.clock.now_ns() + round(REST_TIMEOUT_S * 1e9)
-    reading = cycle.turn()
-    while reading.now_ns < deadline_ns:
+    for reading in turns(cycle.turn, REST_TIMEOUT_S):
         if is_at_rest(reading.arm):
             return
-        reading = cycle.turn()
 
 
 def is_at_rest(state: ArmSample) -> bool:
@@ -322,10 +318,9 @@ def _check_direction(
 
 
 def _back_off(cycle: Cycle, speed: float) -> None:
-    reading = cycle.turn()
-    goal_m = reading.arm.pose.position[2] + BACK_OFF_M
-    deadline_ns = reading.now_ns + round((3.0 * BACK_OFF_M / speed + 1.0) * 1e9)
+    goal_m = cycle.turn().arm.pose.position[2] + BACK_OFF_M
     cycle.set_velocity(downward(-speed))
-    while reading.arm.pose.position[2] < goal_m and reading.now_ns < deadline_ns:
-        reading = cycle.turn()
+    for reading in turns(cycle.turn, 3.0 * BACK_OFF_M / speed + 1.0):
+        if reading.arm.pose.position[2] >= goal_m:
+            break
     come_to_rest(cycle)

@@ -10,7 +10,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from protocols.control.cycle import Cycle, Press, Reading
+from protocols.control.cycle import Cycle, Press, Reading, turns
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.guard.place_and_motion import DepthGuard
@@ -108,18 +108,16 @@ class PressDrive:
 def press_to_target(cycle: Cycle, drive: PressDrive) -> None:
     """Press until the force is within tolerance of the target."""
     protocol = cycle.config.protocol
-    deadline_ns = cycle.rig.clock.now_ns() + round(protocol.press_timeout * 1e9)
-    reading = drive.turn()
-    while abs(drive.error_n) > protocol.force_tolerance:
-        if reading.now_ns > deadline_ns:
-            raise BreachError(
-                f"protocol.press_timeout {protocol.press_timeout:g} s: the force is still "
-                f"{abs(drive.error_n):.3f} N from the target",
-                limit="protocol.press_timeout",
-                reaction=Reaction.RETRACT,
-                remedy="raise press_timeout or robot.press_speed",
-            )
-        reading = drive.turn()
+    for _ in turns(drive.turn, protocol.press_timeout):
+        if abs(drive.error_n) <= protocol.force_tolerance:
+            return
+    raise BreachError(
+        f"protocol.press_timeout {protocol.press_timeout:g} s: the force is still "
+        f"{abs(drive.error_n):.3f} N from the target",
+        limit="protocol.press_timeout",
+        reaction=Reaction.RETRACT,
+        remedy="raise press_timeout or robot.press_speed",
+    )
 
 
 def settle(cycle: Cycle, drive: PressDrive) -> bool:
@@ -129,19 +127,15 @@ def settle(cycle: Cycle, drive: PressDrive) -> bool:
         False when ``protocol.settle_timeout`` passed first; the verdict will say so.
     """
     protocol = cycle.config.protocol
-    deadline_ns = cycle.rig.clock.now_ns() + round(protocol.settle_timeout * 1e9)
     needed = round(SETTLE_WINDOW_S * cycle.config.force_sensor.rate)
     recent: deque[Press] = deque(maxlen=needed)
-    reading = drive.turn()
-    while reading.now_ns < deadline_ns:
+    for reading in turns(drive.turn, protocol.settle_timeout):
         recent.extend(reading.presses)
-        is_new = bool(reading.presses) and len(recent) == needed
-        if is_new:
+        if reading.presses and len(recent) == needed:
             window = summarise(tuple(recent))
             is_near = abs(window.mean_n - drive.target_n) <= protocol.force_tolerance / 2
             if is_near and abs(window.slope_n_s) <= protocol.dwell_force_rate:
                 return True
-        reading = drive.turn()
     return False
 
 
@@ -187,20 +181,13 @@ def sway(cycle: Cycle, drive: PressDrive) -> None:
     depth passes what the press had reached.
     """
     config = cycle.config
-    amplitudes_m = [
-        SPEED_SHARE * config.robot.press_speed / (2.0 * math.pi * each) for each in FREQUENCIES_HZ
-    ]
-    reading = drive.watch()
-    held_m, start_ns = drive.depth(reading), reading.now_ns
-    time_s = 0.0
-    while time_s < config.protocol.sway:
-        depth_m, speed_m_s = held_m, 0.0
-        for frequency_hz, amplitude_m in zip(FREQUENCIES_HZ, amplitudes_m, strict=True):
+    cap_m_s, start = config.robot.press_speed, drive.watch()
+    for reading in turns(drive.watch, config.protocol.sway):
+        time_s = (reading.now_ns - start.now_ns) * 1e-9
+        depth_m, speed_m_s = drive.depth(start), 0.0
+        for frequency_hz in FREQUENCIES_HZ:
             rate = 2.0 * math.pi * frequency_hz
-            depth_m -= amplitude_m * (1.0 - math.cos(rate * time_s))
-            speed_m_s -= amplitude_m * rate * math.sin(rate * time_s)
+            depth_m -= SPEED_SHARE * cap_m_s / rate * (1.0 - math.cos(rate * time_s))
+            speed_m_s -= SPEED_SHARE * cap_m_s * math.sin(rate * time_s)
         led_m_s = speed_m_s + RETURN_PER_S * (depth_m - drive.depth(reading))
-        cap_m_s = config.robot.press_speed
         cycle.set_velocity(downward(min(cap_m_s, max(-cap_m_s, led_m_s))))
-        reading = drive.watch()
-        time_s = (reading.now_ns - start_ns) * 1e-9

@@ -1,6 +1,6 @@
 """Before a run: off the gel, near home, playing, streams alive; the motion once in the air."""
 
-from protocols.control.cycle import Cycle
+from protocols.control.cycle import Cycle, turns
 from protocols.guard.breach_reaction import BreachError, Reaction
 from protocols.guard.force_limits import Contact
 from protocols.steps import arm_moves as motion
@@ -96,18 +96,15 @@ def press_air(cycle: Cycle) -> dict[str, float]:
 
 def _descend(cycle: Cycle, floor_m: float) -> float:
     speed = cycle.config.robot.search_speed
-    reading = cycle.turn()
-    deadline_ns = reading.now_ns + round((2.0 * TRAVEL_M / speed + 1.0) * 1e9)
     cycle.set_velocity(motion.downward(speed))
     peak_n = 0.0
-    while reading.arm.pose.position[2] > floor_m:
-        if reading.now_ns > deadline_ns:
-            raise BreachError(
-                f"robot: it did not go down by {TRAVEL_M * 1e3:g} mm when commanded",
-                limit="robot.air_press",
-                reaction=Reaction.HOLD,
-                remedy="see the speed slider on the pendant and robot.tool_rotation",
-            )
-        reading = cycle.turn()
+    for reading in turns(cycle.turn, 2.0 * TRAVEL_M / speed + 1.0):
         peak_n = max([peak_n, *(abs(press.force_n) for press in reading.presses)])
-    return peak_n
+        if reading.arm.pose.position[2] <= floor_m:
+            return peak_n
+    raise BreachError(
+        f"robot: it did not go down by {TRAVEL_M * 1e3:g} mm when commanded",
+        limit="robot.air_press",
+        reaction=Reaction.HOLD,
+        remedy="see the speed slider on the pendant and robot.tool_rotation",
+    )

@@ -8,6 +8,7 @@ from protocols.steps.preflight import TRAVEL_M
 from protocols.trials.trial_sequence import PlannedTrial
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
+from tacauchy_rig.core.store.free_space import trial_duration_s
 
 UNKNOWN_DEPTH_M = 0.5e-3
 SETTLE_S = 2.0
@@ -21,7 +22,7 @@ class TimeLeft:
         self, config: RigConfig, plan: Sequence[PlannedTrial], expected: ExpectedPress | None
     ) -> None:
         self._planned_s = {
-            trial.index: trial_duration_s(config, trial.force_target_n, expected)
+            trial.index: expected_duration_s(config, trial.force_target_n, expected)
             for trial in plan
             if not trial.done
         }
@@ -63,24 +64,15 @@ class TimeLeft:
         return max(current_s - gone_s, 0.0) + later_s * slower
 
 
-def trial_duration_s(config: RigConfig, target_n: float, expected: ExpectedPress | None) -> float:
+def expected_duration_s(
+    config: RigConfig, target_n: float, expected: ExpectedPress | None
+) -> float:
     """Return about how long a trial takes from home to its verdict [s]."""
-    robot, protocol = config.robot, config.protocol
     depth_m = UNKNOWN_DEPTH_M
     if expected is not None:
         depth_m = float(np.interp(target_n, expected.force_n, expected.depth_m))
-    above_m = max(robot.home[2] - config.sensor.surface[2] - protocol.approach_height, 0.0)
-    return (
-        2.0 * protocol.tare_duration
-        + protocol.reference_duration
-        + above_m / robot.approach_speed
-        + protocol.approach_height / robot.search_speed
-        + depth_m / robot.press_speed
-        + SETTLE_S
-        + protocol.dwell_duration
-        + protocol.sway
-        + (above_m + protocol.approach_height) / robot.retract_speed
-    )
+    press_s = depth_m / config.robot.press_speed + SETTLE_S
+    return trial_duration_s(config, search_m=config.protocol.approach_height, press_s=press_s)
 
 
 def _before_trials_s(config: RigConfig) -> float:

@@ -65,8 +65,8 @@ def _protocol(trial: TrialEvidence) -> Criterion:
         )
     passed = record is not None and record.passed
     limit = "the attempt ran to its end and met every check of the protocol"
-    return Criterion.judged(
-        "press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy
+    return Criterion(
+        name="press", measured=float(passed), passed=passed, limit=limit, unit="", remedy=remedy
     )
 
 
@@ -113,9 +113,9 @@ def _judge_images(
             " to other presses or to none, or the target forces are too close to distinguish"
         )
     limit = thresholds.min_force_margin
-    yield Criterion.judged(
-        MARGIN,
-        in_spreads,
+    yield Criterion(
+        name=MARGIN,
+        measured=in_spreads,
         passed=in_spreads >= limit,
         limit="the correct force leaves a smaller residual in the contact than any wrong force and"
         f" no contact, by at least {limit:g} times the noise and repeat scatter",
@@ -124,9 +124,9 @@ def _judge_images(
     )
     residual = math.nan if contact is None else contact.relative_residual
     limit = thresholds.max_contact_residual
-    yield Criterion.judged(
-        RESIDUAL,
-        residual,
+    yield Criterion(
+        name=RESIDUAL,
+        measured=residual,
         passed=residual <= limit,
         limit=f"at most {limit:g} of the contact's image change unexplained (no contact: 1)",
         unit="",
@@ -144,9 +144,9 @@ def _judge_place(
     value, limit = math.nan, thresholds.max_contact_offset * 1e3
     if pose is not None and pose.x_mm is not None and pose.y_mm is not None:
         value = math.hypot(1e3 * off_m[0] + pose.x_mm, 1e3 * off_m[1] + pose.y_mm)
-    return Criterion.judged(
-        OFFSET,
-        value,
+    return Criterion(
+        name=OFFSET,
+        measured=value,
         passed=value <= limit,
         limit=f"the contact in the image is at most {limit:g} mm from the simulated one",
         unit="mm",
@@ -167,9 +167,9 @@ def _judge_forces(thresholds: ReportSection, force: ForceAgreement) -> Iterator[
         remedy = "the measured depth exceeds all simulated depths: check modulus and gel"
     else:
         remedy = NOT_THERE
-    yield Criterion.judged(
-        PREDICTION,
-        value,
+    yield Criterion(
+        name=PREDICTION,
+        measured=value,
         passed=abs(value) <= limit,
         limit=f"the force predicted at the measured depth deviates by at most {limit:g} times its"
         f" standard uncertainty{f' of {known:.3g} N' if known else ''}",
@@ -177,9 +177,9 @@ def _judge_forces(thresholds: ReportSection, force: ForceAgreement) -> Iterator[
         remedy=remedy,
     )
     limit = thresholds.max_force_mismatch
-    yield Criterion.judged(
-        "force_mismatch",
-        mismatch,
+    yield Criterion(
+        name="force_mismatch",
+        measured=mismatch,
         passed=abs(mismatch) <= limit,
         limit=f"|simulated - measured| at most {limit:g} N",
         unit="N",
@@ -199,9 +199,9 @@ def judge_modulus(model: ReplayModel | None, thresholds: ReportSection) -> Itera
         return
     stated, trials = model.young_uncertainty_relative, model.modulus_trials or 0
     limit = math.nan if stated is None else thresholds.coverage_factor * stated
-    yield Criterion.judged(
-        MODULUS,
-        model.modulus_factor,
+    yield Criterion(
+        name=MODULUS,
+        measured=model.modulus_factor,
         passed=abs(model.modulus_factor - 1.0) <= limit,
         limit=f"within {100.0 * limit:.3g} % of 1, which is {thresholds.coverage_factor:g} times"
         " the standard uncertainty in the sensor's file"
@@ -212,9 +212,9 @@ def judge_modulus(model: ReplayModel | None, thresholds: ReportSection) -> Itera
         " modulus and height in the sensor's file, and the indenter's sizes",
     )
     fewest = thresholds.min_modulus_trials
-    yield Criterion.judged(
-        MODULUS_TRIALS,
-        float(trials),
+    yield Criterion(
+        name=MODULUS_TRIALS,
+        measured=float(trials),
         passed=trials >= fewest,
         limit=f"at least {fewest} trials have the depths and forces that the modulus fit needs",
         unit="trials",

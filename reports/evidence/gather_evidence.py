@@ -19,7 +19,7 @@ from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import ForceDepthCurve, Replay, model_of
 from tacauchy_rig.core.store.check.attempt_files_check import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import force_series
@@ -132,7 +132,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> evidence_types.RunE
         )
         for index, record in run.records.items()
     )
-    picture, journal = store.paths.calibration_picture, store.paths.journal
+    picture = store.paths.calibration_picture
     return evidence_types.RunEvidence(
         trials=trials,
         simulated=store.simulated,
@@ -144,7 +144,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> evidence_types.RunE
             "journal_head": check.journal_head,
         },
         # A journal that is gone is a criterion missed, not the end of a report.
-        journal=summarize_journal(read_journal(journal) if journal.exists() else []),
+        journal=summarize_journal(Journal.read(store.paths.journal).events),
         contact_force_n=config.protocol.contact_force,
         stated=stated_of_run(config, force_check),
         model=None if replay is None else replay.model,

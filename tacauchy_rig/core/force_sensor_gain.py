@@ -102,9 +102,9 @@ class ForceHistory:
 
     def criterion(self) -> Criterion:
         """Return whether the force sensor agrees with all that was compared with it."""
-        return Criterion.judged(
-            FORCE_HISTORY,
-            self.excess,
+        return Criterion(
+            name=FORCE_HISTORY,
+            measured=self.excess,
             passed=not self.fault,
             limit=f"at most 1 of what {' and '.join(self.sources)} allow",
             unit="",
@@ -349,50 +349,47 @@ def _fit_curves(
     count = len(records)
     depth_m = np.concatenate([record.press_depth_m for record in records])
     force_n = np.concatenate([record.press_force_n for record in records])
-    press = np.repeat(np.arange(count), [len(record.press_depth_m) for record in records])
+    of_press = np.repeat(np.eye(count), [len(record.press_depth_m) for record in records], axis=0)
     nodes = math.ceil((depth_m.max() + 0.1e-3) / _NODE_M) + 3
     start_m = -2.0 * _NODE_M
     grid_m = start_m + _NODE_M * np.arange(nodes)
     order = np.argsort(depth_m)
     curve = np.interp(grid_m, depth_m[order], force_n[order])
-    gain, zero_n, shift_m = np.zeros(count), np.zeros(count), np.zeros(count)
-    weight = 1.0 / np.hypot(_POINT_SD_N, _POINT_SHARE * force_n)
-    priors = np.zeros((3 * count + nodes - 2, nodes + 3 * count))
-    row = np.arange(count)
-    priors[row, nodes + row] = np.where(row == 0, 1e6, 1.0)  # the first is the reference
-    priors[count + row, nodes + count + row] = 1.0 / _ZERO_SD_N
-    priors[2 * count + row, nodes + 2 * count + row] = 1.0 / accuracy.contact_m
-    bend = np.arange(nodes - 2)
-    for step, value in enumerate((1.0, -2.0, 1.0)):
-        priors[3 * count + bend, bend + step] = value / _BEND_SD_N
+    gain, zero_n, shift_m = np.zeros((3, count))
+    weight = 1.0 / np.hypot(_POINT_SD_N, _POINT_SHARE * force_n)[:, None]
+    certain = np.ones(count)
+    own = np.concatenate([certain, certain / _ZERO_SD_N, certain / accuracy.contact_m])
+    own[0] = 1e6  # the first gain is the reference
+    bends = np.diff(np.eye(nodes), n=2, axis=0) / _BEND_SD_N
+    priors = np.vstack(
+        [np.eye(nodes + 3 * count)[nodes:] * own[:, None], np.pad(bends, ((0, 0), (0, 3 * count)))]
+    )
     for _ in range(_ROUNDS):
-        place = np.clip((depth_m + shift_m[press] - start_m) / _NODE_M, 0.0, nodes - 1.001)
-        cell = place.astype(int)
-        part = place - cell
-        slope = (curve[cell + 1] - curve[cell]) / _NODE_M
-        level = curve[cell] + part * _NODE_M * slope
-        factor = np.exp(gain[press])
-        rows = np.zeros((len(depth_m), nodes + 3 * count))
-        at = np.arange(len(depth_m))
-        rows[at, cell] = factor * (1.0 - part)
-        rows[at, cell + 1] = factor * part
-        rows[at, nodes + press] = factor * level
-        rows[at, nodes + count + press] = 1.0
-        rows[at, nodes + 2 * count + press] = factor * slope
-        left_n = force_n - zero_n[press] - factor * level
+        place = np.clip((depth_m + of_press @ shift_m - start_m) / _NODE_M, 0.0, nodes - 1.001)
+        near = np.maximum(1.0 - abs(place[:, None] - np.arange(nodes)), 0.0)
+        slope = (np.diff(curve) / _NODE_M)[place.astype(int)]
+        level, factor = near @ curve, np.exp(of_press @ gain)[:, None]
+        rows = np.hstack(
+            [
+                factor * near,
+                factor * level[:, None] * of_press,
+                of_press,
+                factor * slope[:, None] * of_press,
+            ]
+        )
+        left_n = force_n - of_press @ zero_n - factor[:, 0] * level
         state = np.concatenate([curve, gain, zero_n, shift_m])
-        matrix = np.vstack([rows * weight[:, None], priors])
-        aim = np.concatenate([left_n * weight, -priors @ state])
+        matrix = np.vstack([rows * weight, priors])
+        aim = np.concatenate([left_n * weight[:, 0], -priors @ state])
         normal = matrix.T @ matrix
         scale = 1.0 / np.sqrt(np.diag(normal))  # units differ by 1e6
         inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
         state = state + inverse @ (matrix.T @ aim)
-        curve, gain = state[:nodes], np.clip(state[nodes : nodes + count], -2.0, 2.0)
-        zero_n = state[nodes + count : nodes + 2 * count]
-        shift_m = state[nodes + 2 * count :]
-    own = slice(nodes, nodes + count)
-    zero_sd_n = np.sqrt(np.diag(inverse)[nodes + count : nodes + 2 * count])
-    return gain, inverse[own, own], np.column_stack([zero_n, zero_sd_n])
+        curve, (gain, zero_n, shift_m) = state[:nodes], state[nodes:].reshape(3, count)
+        gain = np.clip(gain, -2.0, 2.0)
+    gains, zeros = slice(nodes, nodes + count), slice(nodes + count, nodes + 2 * count)
+    zero_sd_n = np.sqrt(np.diag(inverse)[zeros])
+    return gain, inverse[gains, gains], np.column_stack([zero_n, zero_sd_n])
 
 
 def _curve_source(

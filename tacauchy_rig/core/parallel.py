@@ -25,24 +25,19 @@ SPAWN = multiprocessing.get_context("spawn")
 
 
 def parallel_map(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    *,
-    jobs: int,
-    new_process_each: bool = True,
+    work: Callable[[Item], Result], items: Sequence[Item], *, jobs: int
 ) -> Iterator[tuple[Item, Result]]:
     """Yield every item with what was made of it, in the order of the items.
 
     Args:
         work: Can be pickled, as items and results can; with one job it is called in this process.
         jobs: Processes. Times of wall clocks are worth less where several share a processor.
-        new_process_each: Begin a process for every item; else what one has loaded serves for more.
     """
     if jobs == 1 or len(items) < 2:
         for item in items:
             yield item, work(item)
         return
-    with _processes(jobs, tasks_each=1 if new_process_each else None) as pool:
+    with _processes(jobs) as pool:
         started: deque[tuple[Item, Future[Result]]] = deque()
         for item in items:
             # No more than there are processes: what waits in the pool would still begin after
@@ -62,21 +57,15 @@ def worker_process() -> Iterator[ProcessPoolExecutor]:
 
     An error, an interrupt included, ends the process: the program would wait for it otherwise.
     """
-    with _processes(1, tasks_each=None) as pool:
+    with _processes(1) as pool:
         yield pool
 
 
 @contextmanager
-def _processes(jobs: int, *, tasks_each: int | None) -> Iterator[ProcessPoolExecutor]:
+def _processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Give processes that end with an error here, also those that are only beginning."""
     theirs, ours = SPAWN.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(
-        jobs,
-        mp_context=SPAWN,
-        max_tasks_per_child=tasks_each,
-        initializer=begin_worker,
-        initargs=(theirs,),
-    )
+    pool = ProcessPoolExecutor(jobs, mp_context=SPAWN, initializer=begin_worker, initargs=(theirs,))
     try:
         yield pool
     except BaseException:

@@ -164,7 +164,7 @@ class Criterion:
         name: For example ``force_mean``.
         measured: Value in ``unit``; ``limit`` says what it had to satisfy, in words and numbers.
             NaN or infinite where nothing could be measured, or divided by.
-        remedy: What to do when it failed.
+        remedy: What to do; one that is met needs none.
     """
 
     name: str
@@ -174,19 +174,9 @@ class Criterion:
     unit: str
     remedy: str = ""
 
-    @classmethod
-    def judged(
-        cls, name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
-    ) -> Self:
-        """Return a criterion; one that is met needs no remedy."""
-        return cls(
-            name=name,
-            passed=passed,
-            measured=measured,
-            limit=limit,
-            unit=unit,
-            remedy="" if passed else remedy,
-        )
+    def __post_init__(self) -> None:
+        if self.passed:
+            object.__setattr__(self, "remedy", "")
 
     @classmethod
     def at_most(
@@ -194,13 +184,17 @@ class Criterion:
     ) -> Self:
         """Return whether ``measured`` is no larger than ``limit``."""
         told, passed = f"<= {limit:g} {unit}".strip(), measured <= limit
-        return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
+        return cls(
+            name=name, measured=measured, passed=passed, limit=told, unit=unit, remedy=remedy
+        )
 
     @classmethod
     def at_least(cls, name: str, measured: float, limit: float, *, unit: str, remedy: str) -> Self:
         """Return whether ``measured`` is no smaller than ``limit``."""
         told, passed = f">= {limit:g} {unit}", measured >= limit
-        return cls.judged(name, measured, passed=passed, limit=told, unit=unit, remedy=remedy)
+        return cls(
+            name=name, measured=measured, passed=passed, limit=told, unit=unit, remedy=remedy
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from protocols.processes.ipc import Job, Shown
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.store.trusted_force import ForceSeries, force_series
@@ -256,7 +256,7 @@ class View:
     def _catch_up(self) -> None:
         known: list[JournalEvent] = []
         with suppress(RecordError):
-            known = read_journal(self._store.paths.journal)
+            known = Journal.read(self._store.paths.journal).events
         begun = [place for place, event in enumerate(known) if event.name == "run-start"]
         for event in known[begun[-1] :] if begun else []:
             self.note(event)

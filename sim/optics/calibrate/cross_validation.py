@@ -103,7 +103,7 @@ def cross_validate(
     held_out = [presses[fold::folds] for fold in range(folds)]
     seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
     parts = [*zip(seen, held_out, strict=True), (presses, [])]
-    fitted = parallel_map(partial(_fitted, fit), parts, jobs=jobs, new_process_each=False)
+    fitted = parallel_map(partial(_fitted, fit), parts, jobs=jobs)
     with doing("fitting"):
         for fold, (_, found) in enumerate(fitted):
             calibration, as_labelled, as_nudged = found

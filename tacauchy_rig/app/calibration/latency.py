@@ -15,7 +15,7 @@ from tacauchy_rig.core.config.settings import RigConfig, SyncMode
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.run import FZ, Phase
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -223,7 +223,7 @@ def _last_sway(store: RunStore) -> tuple[int, int, int, int]:
     """Return trial, attempt, start and end [ns] of the last sway that went to its end."""
     begun: tuple[int, int, int] | None = None
     whole: tuple[int, int, int, int] | None = None
-    for event in read_journal(store.paths.journal):
+    for event in Journal.read(store.paths.journal).events:
         if event.name != "phase":
             continue
         if event.detail.get("phase") == Phase.SWAY:

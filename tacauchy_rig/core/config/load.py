@@ -26,10 +26,10 @@ _LINE_MOST = 400
 _LINES_MOST = 40
 """Of a message: what an operator may mend before looking again."""
 _LIMITS = {
-    "greater_than": ("gt", "is not above the limit", "write more than"),
-    "greater_than_equal": ("ge", "is below the limit", "write at least"),
-    "less_than": ("lt", "is not below the limit", "write less than"),
-    "less_than_equal": ("le", "is above the limit", "write at most"),
+    "gt": ("is not above the limit", "write more than"),
+    "ge": ("is below the limit", "write at least"),
+    "lt": ("is not below the limit", "write less than"),
+    "le": ("is above the limit", "write at most"),
 }
 _KINDS = {
     "int": "is not a whole number",
@@ -90,12 +90,12 @@ def _line(problem: Any, tables: Mapping[str, Any], model: type[BaseModel]) -> st
     location, kind, context = problem["loc"], problem["type"], problem.get("ctx", {})
     name, field = _name(location), _field(model, location)
     written = _written(tables, location, problem["input"])
+    if "because" in context and isinstance(written, list):
+        name, written = f"{name}[{context['index']}]", written[context["index"]]
     value = json.dumps(written, ensure_ascii=False, default=str)
-    if kind in _LIMITS:
-        key = _LIMITS[kind][0]
-        return f"{name}: {value} {_limit(key, context[key], field, written)}"
-    if kind == "ceiling":
-        return _above_ceiling(context, name, field, written)
+    if limits := [key for key in _LIMITS if key in context]:
+        because = f" ({context['because']})" if "because" in context else ""
+        return f"{name}: {value} {_limit(limits[0], context[limits[0]], field, written)}{because}"
     if kind == "extra_forbidden":
         known = _table(model, location).model_fields
         close = difflib.get_close_matches(str(location[-1]), known, n=1)
@@ -136,17 +136,8 @@ def _name(location: Place) -> str:
     return "".join(parts).removeprefix(".") or "the file"
 
 
-def _above_ceiling(context: Any, name: str, field: FieldInfo | None, written: Any) -> str:
-    if isinstance(written, list):
-        name, written = f"{name}[{context['index']}]", written[context["index"]]
-    key = "le" if "le" in context else "ge"
-    limit = _limit(key, context[key], field, written)
-    value = json.dumps(written, ensure_ascii=False, default=str)
-    return f"{name}: {value} {limit} ({context['because']})"
-
-
 def _limit(key: str, limit: float, field: FieldInfo | None, written: Any) -> str:
-    relation, advice = next((r, a) for k, r, a in _LIMITS.values() if k == key)
+    relation, advice = _LIMITS[key]
     dimension = _dimension(field)
     parts = split_quantity(written) if isinstance(written, str) else None
     if dimension is None or parts is None:
@@ -332,8 +323,8 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
         return config
     missing = list(required_but_missing(config, defaulted))
     # Rules that tie places together say nothing where some of the places are the dry run's.
-    broken = broken_rules(config, placed=not any(name in ARM_REQUIRES for name, *_ in missing))
-    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
+    broken = broken_rules(config, placed=not any(rule.field in ARM_REQUIRES for rule in missing))
+    problems = [str(rule) for rule in (*missing, *broken)]
     if problems:
         remedy = f"{_EXAMPLE}; {_SHOW}" if missing else _SHOW
         raise ConfigError("\n".join(problems), remedy=remedy)

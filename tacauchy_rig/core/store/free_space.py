@@ -31,14 +31,16 @@ class SessionEstimate:
 
 def estimate_session(config: RigConfig) -> SessionEstimate:
     """Estimate what the configured session will record."""
-    trial_s = _trial_duration_s(config)
-    camera = config.camera
+    limits, protocol, camera = config.limits, config.protocol, config.camera
+    press_s = limits.max_depth / config.robot.press_speed + protocol.settle_timeout
+    press_s = min(press_s, protocol.press_timeout)
+    trial_s = trial_duration_s(config, search_m=protocol.search_travel, press_s=press_s)
     rate = (
         camera.rate * camera.width * camera.height * JPEG_BYTES_PER_PIXEL
         + config.robot.model.rate_hz * ARM_MESSAGE_BYTES
         + config.force_sensor.rate * FORCE_MESSAGE_BYTES
     )
-    attempts = len(config.protocol.force_targets) + 1
+    attempts = len(protocol.force_targets) + 1
     total = attempts * trial_s * rate + _MARGIN_BYTES
     return SessionEstimate(trial_s=trial_s, rate_bytes_s=rate, total_bytes=total)
 
@@ -62,18 +64,24 @@ def check_free_space(folder: Path, config: RigConfig) -> SessionEstimate:
     return estimate
 
 
-def _trial_duration_s(config: RigConfig) -> float:
-    robot, protocol, limits = config.robot, config.protocol, config.limits
-    height = abs(robot.home[2] - config.sensor.surface[2])
-    press = limits.max_depth / robot.press_speed + protocol.settle_timeout
+def trial_duration_s(config: RigConfig, *, search_m: float, press_s: float) -> float:
+    """Return how long a trial takes from home to home [s].
+
+    Args:
+        search_m: Way of the search down to the gel [m].
+        press_s: From contact to the beginning of the dwell [s].
+    """
+    robot, protocol = config.robot, config.protocol
+    height_m = abs(robot.home[2] - config.sensor.surface[2])
     return (
-        2 * protocol.tare_duration
+        2.0 * protocol.tare_duration
         + protocol.reference_duration
-        + height / robot.approach_speed
-        + protocol.search_travel / robot.search_speed
-        + min(press, protocol.press_timeout)
+        + height_m / robot.approach_speed
+        + search_m / robot.search_speed
+        + press_s
         + protocol.dwell_duration
-        + height / robot.retract_speed
+        + protocol.sway
+        + height_m / robot.retract_speed
     )
 
 

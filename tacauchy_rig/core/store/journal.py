@@ -71,21 +71,6 @@ def append_event(path: Path, event: JournalEvent) -> None:
         )
 
 
-def read_journal(path: Path) -> list[JournalEvent]:
-    """Return the events, oldest first; half a line that a crash left is passed over.
-
-    Raises:
-        RecordError: Missing, unreadable, or a whole line that is no event.
-    """
-    return [line.event for line in _read_lines(path) if line.event is not None]
-
-
-def _read_lines(path: Path) -> list[JournalLine]:
-    data = read_bytes(path, what="the journal")
-    numbered = enumerate(data.split(b"\n"), start=1)
-    return [_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw]
-
-
 def _parsed(raw: bytes, source: str) -> JournalLine:
     try:
         content = loads(raw, source=source)
@@ -101,7 +86,7 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
 def _following(before: bytes, event: JournalEvent) -> bytes:
     """Return the bytes to append after ``before``: a newline first if that ends in half a line."""
     is_torn = bool(before) and not before.endswith(b"\n")
-    lines = [line for line in before.split(b"\n") if line]  # as ``_read_lines`` counts them
+    lines = [line for line in before.split(b"\n") if line]  # as ``Journal.read`` counts them
     content = {
         _NUMBER: len(lines) + 1,
         _PREVIOUS: atomic_write.bytes_sha256(lines[-1]) if lines else "",
@@ -155,12 +140,19 @@ class Journal:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a journal, which a run that never began does not have."""
-        return cls(_read_lines(path)) if path.exists() else cls((), exists=False)
+        """Read a journal, which a run that never began does not have.
+
+        Raises:
+            RecordError: It is unreadable, or has a whole line that is no event.
+        """
+        if not path.exists():
+            return cls((), exists=False)
+        numbered = enumerate(read_bytes(path, what="the journal").split(b"\n"), start=1)
+        return cls([_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw])
 
     @cached_property
     def events(self) -> list[JournalEvent]:
-        """Every whole line."""
+        """Every whole line, oldest first; half a line that a crash left is passed over."""
         return [line.event for line in self.lines if line.event is not None]
 
     @property

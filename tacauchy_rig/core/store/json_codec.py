@@ -12,7 +12,7 @@ JSON knows no infinities and no NaN. What is read again has them as the text ``"
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -151,7 +151,12 @@ def read_value(kind: type[T], data: Any, *, source: str) -> T:
         RecordError: Names source, field and value.
     """
     found = from_json(kind, data, source=source)
-    _check(found, source, "", "", is_optional=False)
+    if problem := next(_problems(found, "", "", is_optional=False), ""):
+        raise RecordError(
+            f"{source}: {problem}",
+            remedy="the file was edited or damaged: take it from a copy of the run, or press the "
+            "trial again",
+        )
     return found
 
 
@@ -236,20 +241,28 @@ _ANY_UNIT = (-1e100, 1e100)  # the square of which is still a number
 _START, _END = "start_ns", "end_ns"
 
 
-def _check(value: Any, source: str, place: str, name: str, *, is_optional: bool) -> None:
+def _problems(value: Any, place: str, name: str, *, is_optional: bool) -> Iterator[str]:
+    """Yield the place of each number that cannot be, the number, and why."""
     if is_dataclass(value):
-        _check_fields(value, source, place)
+        yield from _problems_of_fields(value, place)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check(item, source, f"{place}{_member(key)}", str(key), is_optional=is_optional)
+            where = f"{place}{_member(key)}"
+            yield from _problems(item, where, str(key), is_optional=is_optional)
     elif isinstance(value, tuple | list):
         for index, item in enumerate(value):
-            _check(item, source, f"{place}[{index}]", name, is_optional=is_optional)
+            yield from _problems(item, f"{place}[{index}]", name, is_optional=is_optional)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        _check_number(value, source, place, name, is_optional=is_optional)
+        unit, before = [*reversed(name.split("_")), ""][:2]
+        low, high = _ANY_UNIT if before in _NUMERATORS else _LIMITS.get(unit, _ANY_UNIT)
+        where = place or "the whole of it"
+        if math.isinf(value) or (math.isnan(value) and is_optional):
+            yield f"{where}: {value} is no number that can be measured"
+        elif value < low or value > high:
+            yield f"{where}: {value} cannot be: {low:g} to {high:g} can"
 
 
-def _check_fields(value: Any, source: str, place: str) -> None:
+def _problems_of_fields(value: Any, place: str) -> Iterator[str]:
     kind: Any = type(value)
     hints = _types_of_fields(kind)
     for field in fields(value):
@@ -259,25 +272,8 @@ def _check_fields(value: Any, source: str, place: str) -> None:
         # Of a list of any length what is not known is left out.
         is_optional = not {NoneType, Ellipsis}.isdisjoint(get_args(hints[field.name]))
         found = getattr(value, field.name)
-        _check(found, source, where, field.name, is_optional=is_optional)
+        yield from _problems(found, where, field.name, is_optional=is_optional)
         if field.name.endswith(_END):
             start = getattr(value, field.name.removesuffix(_END) + _START)
             if None not in (start, found) and found < start:
-                raise _refused(source, where, found, f"lies before its start, {start}")
-
-
-def _check_number(value: float, source: str, place: str, name: str, *, is_optional: bool) -> None:
-    unit, before = [*reversed(name.split("_")), ""][:2]
-    low, high = _ANY_UNIT if before in _NUMERATORS else _LIMITS.get(unit, _ANY_UNIT)
-    if math.isinf(value) or (math.isnan(value) and is_optional):
-        raise _refused(source, place, value, "is no number that can be measured")
-    if value < low or value > high:
-        raise _refused(source, place, value, f"cannot be: {low:g} to {high:g} can")
-
-
-def _refused(source: str, place: str, value: float, why: str) -> RecordError:
-    return RecordError(
-        f"{source}: {place or 'the whole of it'}: {value} {why}",
-        remedy="the file was edited or damaged: take it from a copy of the run, or press the trial "
-        "again",
-    )
+                yield f"{where}: {found} lies before its start, {start}"

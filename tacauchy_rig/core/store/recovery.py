@@ -9,6 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
@@ -81,151 +82,133 @@ def recover_recording(path: Path, *, opener: Opener = Recording.open) -> Recover
     Raises:
         RecordError: It is still being written, or the disk is full.
     """
-    problems: list[str] = []
     with _unused(path) if path.exists() else nullcontext():
-        recording, before, error = _opened(path, opener)
-        spills = _spills_of(path, recording, problems)
-        problems += error
-        closed_sha256: str | None = None
-        original: Path | None = None
+        return _Recovery(path, opener).done()
+
+
+class _Recovery:
+    """A recording, the spills beside it that hold messages of its attempt, and what stays lost."""
+
+    def __init__(self, path: Path, opener: Opener) -> None:
+        self.path, self.problems = path, list[str]()
+        self.recording: Recording | None = None
+        self.before = "unreadable" if path.exists() else "missing"
+        try:
+            self.recording = opener(path) if path.exists() else None
+        except RecordError as error:
+            self.problems.append(str(error))
+        if self.recording is not None:
+            self.before = self.recording.describe()
+        self.spills = list(self._spills())
+
+    def done(self) -> RecoveryReport:
+        """Leave the recording as it is, repack it, or set it aside."""
+        closed_sha256 = original = None
         with suppress(RecordError):  # no result tells what it was when it was closed
-            result = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
+            result = read_json(TrialRecord, self.path.with_name(RESULT_NAME), what="the result")
             closed_sha256 = result.recording_sha256
-        found_sha256 = "" if recording is None else file_sha256(path, what="the recording")
-        if recording is not None and closed_sha256 == found_sha256:
-            for spill in spills:  # a closed recording is never written again
-                if lacking := sum(index for index, _ in _merged([recording, spill])):
-                    told = (
-                        f"{spill.path}: {lacking} of its messages are not in the closed recording"
+        found = self.recording
+        if found and closed_sha256 == file_sha256(self.path, what="the recording"):
+            for spill in self.spills:  # a closed recording is never written again
+                if lacking := sum(index for index, _ in _merged([found, spill])):
+                    self._refuse(
+                        spill.path,
+                        f"{spill.path}: {lacking} of its messages are not in the closed recording",
                     )
-                    _refuse(spill.path, told, problems)
                 else:
                     set_aside(spill.path, "merged")
-        elif spills or (recording is not None and not recording.is_intact):
-            return _repacked(path, recording, spills, problems, before=before)
-        elif recording is None and path.exists() and closed_sha256 is None:
-            original = set_aside(path, "torn")
-    return RecoveryReport(
-        path=path,
-        before=before,
-        message_count=0 if recording is None else recording.message_count,
-        original=original,
-        problems=tuple(problems),
-    )
+        elif self.spills or (found and not found.is_intact):
+            return self._repacked()
+        elif found is None and self.path.exists() and closed_sha256 is None:
+            original = set_aside(self.path, "torn")
+        return self._report(message_count=found.message_count if found else 0, original=original)
 
+    def _report(self, **found: Any) -> RecoveryReport:
+        problems = tuple(self.problems)
+        return RecoveryReport(path=self.path, before=self.before, problems=problems, **found)
 
-def _opened(path: Path, opener: Opener) -> tuple[Recording | None, str, list[str]]:
-    """Return a recording, what state it is in, in words, and why it cannot be opened, if so."""
-    if not path.exists():
-        return None, "missing", []
-    try:
-        recording = opener(path)
-    except RecordError as error:
-        return None, "unreadable", [str(error)]
-    return recording, recording.describe(), []
+    def _spills(self) -> Iterator[Recording]:
+        for place in sorted(self.path.parent.glob(SPILL_PATTERN)):
+            if not place.stat().st_size:
+                continue
+            try:
+                spill = Recording.open(place)
+            except RecordError as error:
+                self._refuse(place, error.message)
+                continue
+            if spill.message_count and (reason := self._misfit(spill)):
+                self._refuse(place, reason)
+            elif spill.message_count:
+                yield spill
 
+    def _refuse(self, spill: Path, reason: str) -> None:
+        aside = set_aside(spill, "refused")
+        self.problems.append(f"{reason}; it stays as {aside.name}, and nothing of it was merged")
 
-def _spills_of(path: Path, recording: Recording | None, problems: list[str]) -> list[Recording]:
-    """Return the spills beside a recording that hold messages of its attempt; refuse the others."""
-    spills = []
-    for place in sorted(path.parent.glob(SPILL_PATTERN)):
-        if not place.stat().st_size:
-            continue
-        try:
-            spill = Recording.open(place)
-        except RecordError as error:
-            _refuse(place, error.message, problems)
-            continue
-        if not spill.message_count:
-            continue
-        if reason := _misfit(spill, path, recording):
-            _refuse(place, reason, problems)
-        else:
-            spills.append(spill)
-    return spills
-
-
-def _refuse(spill: Path, reason: str, problems: list[str]) -> None:
-    aside = set_aside(spill, "refused")
-    problems.append(f"{reason}; it stays as {aside.name}, and nothing of it was merged")
-
-
-def _misfit(spill: Recording, path: Path, recording: Recording | None) -> str:
-    """Return why a spill cannot be of a recording's attempt; an empty text where it can."""
-    attempt = path.parent.name.removeprefix("attempt-")
-    trial = path.parent.parent.name
-    if not (attempt.isdecimal() and trial.isdecimal()):
+    def _misfit(self, spill: Recording) -> str:
+        """Return why a spill cannot be of the recording's attempt; an empty text where it can."""
+        attempt = self.path.parent.name.removeprefix("attempt-")
+        trial = self.path.parent.parent.name
+        if not (attempt.isdecimal() and trial.isdecimal()):
+            return ""
+        key = {"trial": int(trial), "attempt": int(attempt)}
+        for name, number in key.items():
+            if (stated := spill.metadata.get(name)) not in (None, str(number)):
+                return f"{spill.path}: it is of {name} {stated}"
+        first_ns, last_ns = self._window(**key)
+        is_early = spill.start_ns < first_ns - _SPILL_MARGIN_NS
+        if is_early or spill.end_ns > last_ns + _SPILL_MARGIN_NS:
+            return (
+                f"{spill.path}: its messages are from {spill.start_ns} to {spill.end_ns} ns, and "
+                f"the attempt was from {first_ns:.0f} to {last_ns:.0f} ns"
+            )
         return ""
-    key = (int(trial), int(attempt))
-    stated = {name: spill.metadata.get(name) for name in ("trial", "attempt")}
-    for (name, value), number in zip(stated.items(), key, strict=True):
-        if value is not None and value != str(number):
-            return f"{spill.path}: it is of {name} {value}"
-    first_ns, last_ns = _window(path, key, recording)
-    if spill.start_ns < first_ns - _SPILL_MARGIN_NS or spill.end_ns > last_ns + _SPILL_MARGIN_NS:
-        return (
-            f"{spill.path}: its messages are from {spill.start_ns} to {spill.end_ns} ns, and the "
-            f"attempt was from {first_ns:.0f} to {last_ns:.0f} ns"
-        )
-    return ""
 
+    def _window(self, trial: int, attempt: int) -> tuple[float, float]:
+        """Return when an attempt began and ended [ns], as far as journal and recording tell."""
+        events = Journal.read(RunPaths(run_root_of(self.path)).journal).events
+        own = [e for e in events if (e.trial, e.attempt) == (trial, attempt)]
+        own += self.recording.events() if self.recording else []
+        begun = [e.stamp_ns for e in own if e.name == _BEGIN]
+        ended = [e.stamp_ns for e in own if e.name == _END]
+        first_ns = min(begun, default=-math.inf)
+        later = [e.stamp_ns for e in events if e.name == _BEGIN and e.stamp_ns > first_ns]
+        return first_ns, max(ended) if ended else min(later, default=math.inf)
 
-def _window(path: Path, key: tuple[int, int], recording: Recording | None) -> tuple[float, float]:
-    """Return when an attempt began and ended [ns], as far as journal and recording tell."""
-    events = Journal.read(RunPaths(run_root_of(path)).journal).events
-    own = [e for e in events if (e.trial, e.attempt) == key]
-    own += [] if recording is None else recording.events()
-    begun = [e.stamp_ns for e in own if e.name == _BEGIN]
-    ended = [e.stamp_ns for e in own if e.name == _END]
-    first_ns = min(begun, default=-math.inf)
-    later = [e.stamp_ns for e in events if e.name == _BEGIN and e.stamp_ns > first_ns]
-    return first_ns, max(ended) if ended else min(later, default=math.inf)
-
-
-def _repacked(
-    path: Path,
-    recording: Recording | None,
-    spills: Sequence[Recording],
-    problems: list[str],
-    *,
-    before: str,
-) -> RecoveryReport:
-    """Put a file with the messages of recording and spills in the place of the recording."""
-    sources = [*([] if recording is None else [recording]), *spills]
-    temporary = path.with_name(f".{path.name}.recovered")
-    temporary.unlink(missing_ok=True)
-    try:
-        metadata = dict(ChainMap(*(source.metadata for source in sources)))
-        counts = [0] * len(sources)
-        with RecordingWriter(temporary, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:
-            for index, message in _merged(sources):
-                writer.write_raw([message])
-                counts[index] += 1
-    except RecordError as error:
+    def _repacked(self) -> RecoveryReport:
+        """Put a file with the messages of recording and spills in the place of the recording."""
+        path, sources = self.path, [*([self.recording] if self.recording else []), *self.spills]
+        temporary = path.with_name(f".{path.name}.recovered")
         temporary.unlink(missing_ok=True)
-        size = sum(source.path.stat().st_size for source in sources)
-        raise RecordError(
-            f"{error.message}; recovery writes a file of up to {size / 1e6:.1f} MB beside the old "
-            "one, which is as it was",
-            remedy="free that much space on this disk, then recover again",
-        ) from error
-    with writing(path):
-        original = give_second_name(path, free_name(path, "torn")) if path.exists() else None
-        temporary.replace(path)
-        for spill in spills:
-            spill.path.rename(free_name(spill.path, "merged"))
-        sync_folder(path.parent)
-    if recording is not None and recording.damage:
-        problems.append(f"{path}: {recording.damage}")
-    return RecoveryReport(
-        path=path,
-        changed=True,
-        before=before,
-        message_count=sum(counts),
-        merged_count=sum(counts[len(sources) - len(spills) :]),
-        original=original,
-        problems=tuple(problems),
-    )
+        try:
+            metadata = dict(ChainMap(*(source.metadata for source in sources)))
+            counts = [0] * len(sources)
+            with RecordingWriter(temporary, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:
+                for index, message in _merged(sources):
+                    writer.write_raw([message])
+                    counts[index] += 1
+        except RecordError as error:
+            temporary.unlink(missing_ok=True)
+            size = sum(source.path.stat().st_size for source in sources)
+            raise RecordError(
+                f"{error.message}; recovery writes a file of up to {size / 1e6:.1f} MB beside the "
+                "old one, which is as it was",
+                remedy="free that much space on this disk, then recover again",
+            ) from error
+        with writing(path):
+            original = give_second_name(path, free_name(path, "torn")) if path.exists() else None
+            temporary.replace(path)
+            for spill in self.spills:
+                spill.path.rename(free_name(spill.path, "merged"))
+            sync_folder(path.parent)
+        if self.recording and self.recording.damage:
+            self.problems.append(f"{path}: {self.recording.damage}")
+        return self._report(
+            changed=True,
+            message_count=sum(counts),
+            merged_count=sum(counts[len(sources) - len(self.spills) :]),
+            original=original,
+        )
 
 
 def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]:
@@ -362,9 +345,8 @@ def _complete_journal(
     known = set(map(_identity, journal.events))
     for key in unfinished:
         recorded: list[JournalEvent] = []
-        if (recording := store.paths.recording(*key)).exists():
-            with suppress(RecordError):
-                recorded = Recording.open(recording).events()
+        with suppress(RecordError):  # it is missing, or beyond repair
+            recorded = store.recording(*key).events()
         for event in recorded:
             if (event.trial, event.attempt) == key and _identity(event) not in known:
                 append_event(path, event)

@@ -30,7 +30,7 @@ from tacauchy_rig.core.run import (
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.atomic_write import bytes_sha256, run_lock, write_atomically, writing
 from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log_hashes, previous_of
-from tacauchy_rig.core.store.json_codec import dumps, loads, read_json, to_json
+from tacauchy_rig.core.store.json_codec import dumps, from_json, loads, read_json, to_json
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_files import RunPaths, file_sha256, read_bytes, run_folder
 
@@ -427,6 +427,18 @@ def _new_folder(parent: Path, name: str) -> Path:
                 number += 1
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Needed:
+    """What is read of a description; the rest of it is for people."""
+
+    format: int
+    written: dict[str, Any]
+    config_hash: str
+    simulated: bool
+    devices: dict[str, dict[str, Any]]
+    created: str
+
+
 def _read_description(path: Path) -> dict[str, Any]:
     try:
         description = read_json(dict[str, Any], path, what=_DESCRIPTION)
@@ -437,29 +449,10 @@ def _read_description(path: Path) -> dict[str, Any]:
             f"{error.message}; no attempt was recorded in it",
             remedy="it was cut off while it was made: remove the folder and record a new run",
         ) from error
-    _check_description(description, path)
-    return description
-
-
-def _check_description(found: dict[str, Any], path: Path) -> None:
-    wanted = {
-        "format": int,
-        "written": dict,
-        "config_hash": str,
-        "simulated": bool,
-        "devices": dict,
-        "created": str,
-    }
-    wrong = [name for name, kind in wanted.items() if not isinstance(found.get(name), kind)]
-    if not wrong and not all(isinstance(each, dict) for each in found["devices"].values()):
-        wrong = ["devices"]
-    if wrong:
+    needed = {name: description[name] for name in _Needed.__annotations__ if name in description}
+    if from_json(_Needed, needed, source=str(path)).format != FORMAT:
         raise RecordError(
-            f"{path}: {wrong[0]}: missing or of the wrong type",
-            remedy="the file was edited, or is not this program's",
-        )
-    if found["format"] != FORMAT:
-        raise RecordError(
-            f"{path}: written in format {found['format']}; this program reads {FORMAT}",
+            f"{path}: written in format {needed['format']}; this program reads {FORMAT}",
             remedy="use the version of the program named under versions in that file",
         )
+    return description

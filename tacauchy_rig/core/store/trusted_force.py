@@ -10,8 +10,8 @@ from tacauchy_rig.core.force_sensor_gain import (
     judge_forces,
 )
 from tacauchy_rig.core.known_weight import ForceCheck
-from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.run import Criterion, TrialRecord
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.json_codec import read_value
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -25,11 +25,29 @@ class ForceSeries:
             was pressed before the fault was found is doubted: it may have begun earlier.
         history: Judgement of the attempts that are not.
         weighed: The check by a known weight after the last attempt; None where there was none.
+        trusted: Results of the attempts that passed and are not doubted.
     """
 
     doubted: dict[tuple[int, int], str] = field(default_factory=dict)
     history: ForceHistory = field(default_factory=lambda: ForceHistory(trials=(), sources=()))
     weighed: ForceCheck | None = None
+    trusted: dict[tuple[int, int], TrialRecord] = field(default_factory=dict)
+
+    def take(self, record: TrialRecord) -> None:
+        """Add an attempt to those that are trusted, or doubt all of them by what it found."""
+        missed = [c for c in record.criteria if c.name == FORCE_HISTORY and not c.passed]
+        if record.limit in FORCE_LIMITS:
+            self.doubt(record.reason or record.limit)
+        elif record.passed:
+            self.trusted[record.index, record.attempt] = record
+        elif missed:
+            self.doubt(missed[0].remedy.partition(": ")[0])
+
+    def doubt(self, reason: str) -> None:
+        """Doubt all attempts that are trusted so far, unless there is no reason to."""
+        if reason:
+            self.doubted |= dict.fromkeys(self.trusted, reason)
+            self.trusted.clear()
 
     def criterion(self, trial: int, attempt: int) -> Criterion | None:
         """Return what an attempt misses; None where its force is not doubted."""
@@ -54,50 +72,22 @@ def force_series(store: RunStore) -> ForceSeries:
     Raises:
         RecordError: The journal cannot be read.
     """
-    series, trusted = ForceSeries(), dict[tuple[int, int], TrialRecord]()
-    if store.config.is_imported or not store.paths.journal.exists():
+    series = ForceSeries()
+    if store.config.is_imported:
         return series
     wrong_weight = ""
-    for event in read_journal(store.paths.journal):
+    for event in Journal.read(store.paths.journal).events:
         if event.name == "force-check":
             check = read_value(ForceCheck, event.detail, source="journal.jsonl: force-check")
             wrong_weight = "" if check.passed else f"the cell was wrong afterwards: {check.finding}"
-            series.weighed = check if check.passed and trusted else None
+            series.weighed = check if check.passed and series.trusted else None
         elif event.name == "attempt-start":
-            if wrong_weight:
-                _doubt(series, trusted, wrong_weight)
-                wrong_weight = ""
-            series.weighed = None
-            _take(store, event, series, trusted)
-    if wrong_weight:
-        _doubt(series, trusted, wrong_weight)
-    series.history = judge_forces(
-        tuple(trusted.values()), store.config.robot.model, weighed=series.weighed
-    )
-    if series.history.fault:
-        _doubt(series, trusted, series.history.fault)
+            series.doubt(wrong_weight)
+            wrong_weight, series.weighed = "", None
+            if record := store.readable_result(event.trial, event.attempt):
+                series.take(record)
+    series.doubt(wrong_weight)
+    trusted = tuple(series.trusted.values())
+    series.history = judge_forces(trusted, store.config.robot.model, weighed=series.weighed)
+    series.doubt(series.history.fault)
     return series
-
-
-def _take(
-    store: RunStore,
-    event: JournalEvent,
-    series: ForceSeries,
-    trusted: dict[tuple[int, int], TrialRecord],
-) -> None:
-    """Add an attempt to those that are trusted, or doubt all of them by what it found."""
-    record = store.readable_result(event.trial, event.attempt)
-    if record is None:
-        return
-    missed = [c for c in record.criteria if c.name == FORCE_HISTORY and not c.passed]
-    if record.limit in FORCE_LIMITS:
-        _doubt(series, trusted, record.reason)
-    elif record.passed:
-        trusted[event.trial, event.attempt] = record
-    elif missed:
-        _doubt(series, trusted, missed[0].remedy.partition(": ")[0])
-
-
-def _doubt(series: ForceSeries, trusted: dict[tuple[int, int], TrialRecord], reason: str) -> None:
-    series.doubted |= dict.fromkeys(trusted, reason)
-    trusted.clear()

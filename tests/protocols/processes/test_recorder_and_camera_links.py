@@ -12,7 +12,7 @@ from protocols.processes.ipc import Ack, Channel
 from protocols.processes.recorder_process import BETWEEN_ATTEMPTS, RecorderLink
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ForceSample, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.journal import Journal, append_event
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 
 
@@ -124,7 +124,7 @@ def test_journal_lines_are_not_written_twice(far):
         far.link.put(event)
     far.die()
     far.link.close(timeout_s=4.0)
-    assert read_journal(store.paths.journal) == events
+    assert Journal.read(store.paths.journal).events == events
 
 
 def test_a_recorder_that_hangs_is_noticed(far, monkeypatch):

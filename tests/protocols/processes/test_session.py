@@ -17,7 +17,7 @@ from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run_and_press_check import check_run
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recovery import recover_run
 from tests.drivers.conftest import changed
@@ -76,7 +76,7 @@ def test_a_session_passes_and_leaves_a_complete_run(make_store):
     counters = recording.force.counter.tolist()
     assert counters == list(range(counters[0], counters[-1] + 1))
     assert sum(result.acknowledged.values()) == recording.message_count
-    assert {event.name for event in read_journal(store.paths.journal)} >= {
+    assert {event.name for event in Journal.read(store.paths.journal).events} >= {
         "run-start",
         "attempt-start",
         "attempt-end",

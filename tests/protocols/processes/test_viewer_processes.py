@@ -10,7 +10,7 @@ import pytest
 
 from protocols.processes import child_process as viewing_module
 from protocols.processes.child_process import Viewing
-from protocols.processes.ipc import Job, PageOptions
+from protocols.processes.ipc import Job, PageOptions, ViewerOptions
 from protocols.trials.trial_sequence import plan_session
 from tacauchy_rig.core.errors import ConfigError
 
@@ -70,15 +70,15 @@ def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
     words = "no such sensor"
     (tmp_path / "refusing.py").write_text(f"import sys\nprint({words!r})\nsys.exit({status})\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    viewer = viewing_module.Viewer("twin", job, module="refusing")
+    viewing = Viewing(None, job, [ViewerOptions(name="twin", module="refusing")])
+    viewing.start()
     deadline = time.monotonic() + 60.0
-    while not (happened := viewer.restart_if_ended()):
+    while not (happened := [told for _, told in viewing.restart_ended()]):
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    assert words in happened
-    assert ("not started again" not in happened) is starts_again
-    assert (viewer.child is not None) is starts_again
-    viewer.close()
+    assert words in happened[0]
+    assert bool(viewing.running()) is ("not started again" not in happened[0]) is starts_again
+    viewing.close()
 
 
 def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from protocols.trials.time_left import TimeLeft, trial_duration_s
+from protocols.trials.time_left import TimeLeft, expected_duration_s
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent
 from tests.protocols.conftest import fresh_plan
@@ -26,7 +26,7 @@ def test_it_counts_down_and_ends_at_nothing(config):
     assert left.seconds(0) is None
     left.note(event("run-start", 0.0))
     whole = left.seconds(0)
-    assert whole > 2 * trial_duration_s(config, 1.0, None)
+    assert whole > 2 * expected_duration_s(config, 1.0, None)
     left.note(event("attempt-start", 5.0, 1))
     assert left.seconds(8 * 10**9) == pytest.approx(left.seconds(5 * 10**9) - 3.0)
     left.note(event("run-end", 60.0))
@@ -37,10 +37,10 @@ def test_a_trial_that_took_twice_as_long_doubles_the_next(config):
     """What was measured takes the place of what was planned."""
     plan = fresh_plan(config)
     left = TimeLeft(config, plan, None)
-    took_s = 2.0 * trial_duration_s(config, plan[0].force_target_n, None)
+    took_s = 2.0 * expected_duration_s(config, plan[0].force_target_n, None)
     left.note(event("attempt-start", 0.0, 1))
     left.note(event("attempt-end", took_s, 1, outcome="passed"))
-    next_s = 2.0 * trial_duration_s(config, plan[1].force_target_n, None)
+    next_s = 2.0 * expected_duration_s(config, plan[1].force_target_n, None)
     assert left.seconds(round(took_s * 1e9)) == pytest.approx(next_s)
 
 
@@ -55,7 +55,7 @@ def test_a_trial_that_failed_is_still_to_be_done(config):
         left.note(event("attempt-start", attempt, 1, attempt))
         assert left.seconds(attempt * 10**9) == pytest.approx(whole_s)
         left.note(event("attempt-end", attempt, 1, attempt, outcome="failed"))
-    second_s = trial_duration_s(config, plan[1].force_target_n, None)
+    second_s = expected_duration_s(config, plan[1].force_target_n, None)
     assert most > 1
     assert left.seconds(most * 10**9) == pytest.approx(second_s)
 
@@ -67,5 +67,5 @@ def test_what_an_earlier_session_did_takes_no_time(config):
     rest_s = TimeLeft(config, plan[1:], None)
     for each in (all_s, rest_s):
         each.note(event("run-start", 0.0))
-    first_s = trial_duration_s(config, plan[0].force_target_n, None)
+    first_s = expected_duration_s(config, plan[0].force_target_n, None)
     assert all_s.seconds(0) - rest_s.seconds(0) == pytest.approx(first_s)

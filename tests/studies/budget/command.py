@@ -225,9 +225,7 @@ def budget_check(
     stated = predict_stated(config, preset=preset)
     look = partial(look_at, stated=stated, preset=truth)
     found = []
-    for number, world in parallel_map(
-        look, range(seed, seed + worlds), jobs=jobs, new_process_each=False
-    ):
+    for number, world in parallel_map(look, range(seed, seed + worlds), jobs=jobs):
         ratios = ", ".join(f"{ratio:+.2f}" for ratio in world.ratios)
         say(f"world {number}: error / u {ratios}")
         found.append(world)

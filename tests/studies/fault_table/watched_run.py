@@ -17,7 +17,7 @@ from tacauchy_rig.app.cli.operator_prompts import expected_answer
 from tacauchy_rig.core.config.settings import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.run_files import RunPaths
 from tests.studies.fault_table.cases import Blow, BlowKind, Victim
 
@@ -117,7 +117,7 @@ class WatchedRun:
     def journal(self) -> list[JournalEvent]:
         """Return the journal so far; empty where there is none yet."""
         try:
-            return read_journal(self.paths.journal)
+            return Journal.read(self.paths.journal).events
         except RecordError:
             return []
 

@@ -73,9 +73,7 @@ def force_faults(
         worlds.append((UNWEIGHED, faulty_world(first + k, Place.SENSOR, weighed=False)))
         worlds.append((ALIKE, faulty_world(first + few + k, Place.BOTH, alike=True)))
     found = []
-    for done, (_, one) in enumerate(
-        parallel_map(pressed, worlds, jobs=jobs, new_process_each=False), start=1
-    ):
+    for done, (_, one) in enumerate(parallel_map(pressed, worlds, jobs=jobs), start=1):
         found.append(one)
         if one.is_bad or (one.group == HONEST and one.passed < TRIALS):
             say(f"{one.group} {one.world.seed}: {_told(one)}")

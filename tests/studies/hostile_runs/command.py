@@ -269,7 +269,7 @@ def hostile_runs(
     seen = []
     with tempfile.TemporaryDirectory() as folder:
         look = partial(observe, run=recorded(Path(folder)), seed=seed)
-        for kind, found in parallel_map(look, kinds, jobs=jobs, new_process_each=False):
+        for kind, found in parallel_map(look, kinds, jobs=jobs):
             outcomes = sorted({each.outcome for each in found})
             say(f"{kind[:90]}: {', '.join(outcomes)}; {sum(each.wall_s for each in found):.1f} s")
             for each in found:

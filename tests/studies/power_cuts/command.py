@@ -129,7 +129,7 @@ def power_cuts(
         history = recorded_history(Path(folder))
         look = partial(observe, history=history, seed=seed)
         seen = []
-        for _, found in parallel_map(look, range(states), jobs=jobs, new_process_each=False):
+        for _, found in parallel_map(look, range(states), jobs=jobs):
             seen.append(found)
             for failure in found.failures:
                 complain(f"state {found.number}, cut at {found.cut_s:.2f} s: {failure}")

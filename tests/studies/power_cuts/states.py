@@ -15,7 +15,7 @@ from pathlib import Path
 from random import Random
 
 from tacauchy_rig.core.store.journal import Journal
-from tacauchy_rig.core.store.recording.mcap_reader import Recording, scan_file
+from tacauchy_rig.core.store.recording.mcap_reader import Recording, Scan
 from tacauchy_rig.core.store.recording.mcap_writer import RecordingWriter
 from tacauchy_rig.core.store.run_files import RunPaths, open_file
 
@@ -110,7 +110,7 @@ class History:
 
 def _recorded(path: Path, start_s: float, end_s: float) -> Appended:
     with open_file(path, what="the recording") as descriptor:
-        scan = scan_file(descriptor)
+        scan = Scan(descriptor)
     content = path.read_bytes()
     header = scan.entries[0].offset - 100  # what the writer writes before the first message
     sizes, last_s = [(start_s, max(header, 0))], start_s

@@ -123,7 +123,7 @@ def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
     own = inputs.sensor.material.law
     other = next(law for law in _LAWS if law != own)
     nodes = [*((*node, own) for node in NODES), *((*node, other) for node in NODES[:OF_OTHER_LAW])]
-    areas = [area for _, area in parallel_map(work, nodes, jobs=jobs, new_process_each=False)]
+    areas = [area for _, area in parallel_map(work, nodes, jobs=jobs)]
     tried = force_inputs(inputs, presses.config, depths_m[1:-1].tolist(), found=presses.found)
     known = tuple(each for each in tried if each.name not in _FITTED)
     return replace(Response.of(depths_m, areas), inputs=known)

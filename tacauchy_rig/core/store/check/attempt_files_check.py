@@ -48,7 +48,7 @@ def consistency(
         measured=float(len(found)),
         limit=f"{condition}; but {logged}{more}" if found else condition,
         unit="wrong",
-        remedy=remedy if found else "",
+        remedy=remedy,
     )
 
 

@@ -96,9 +96,9 @@ def _force(
     )
     limit_n = ROUNDING_N + STANDARD_ERRORS * (0.0 if attempt.is_whole else error_n)
     yield _same("recorded_force", sign * rise_n, measured_n, limit_n, "N")
-    yield Criterion.judged(
-        "recorded_sign",
-        rise_n,
+    yield Criterion(
+        name="recorded_sign",
+        measured=rise_n,
         passed=math.copysign(1.0, measured_n) * sign * rise_n > limit_n,
         limit=f"raw Fz moves to {'plus' if sign * measured_n > 0.0 else 'minus'} where result.json"
         f" says {measured_n:.6g} N with compression_sign {sign:+d}",
@@ -203,9 +203,9 @@ def _standard_error(deviation: float, sample_count: int) -> float:
 def _same(
     name: str, found: float, stated: float, limit: float, unit: str, *, what: str = ""
 ) -> Criterion:
-    return Criterion.judged(
-        name,
-        found,
+    return Criterion(
+        name=name,
+        measured=found,
         passed=abs(found - stated) <= limit,
         limit=f"within {limit:.2g} {unit} of {stated:.6g} {unit}, as result.json says{what}",
         unit=unit,

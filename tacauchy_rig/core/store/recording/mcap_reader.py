@@ -9,8 +9,8 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
@@ -52,6 +52,11 @@ _MAX_MESSAGES = 5_000_000
 _LATEST_NS = 2**63 - 1
 _MALFORMED = (McapError, struct.error, ValueError)
 """What its records raise where their checksums are right and their content is not."""
+_SUMMARISED: dict[int, type[Channel | Statistics]] = {
+    Opcode.CHANNEL: Channel,
+    Opcode.STATISTICS: Statistics,
+}
+"""What is read of a summary; its index of every chunk is left out."""
 _DATA_END_SIZE = _RECORD_HEADER.size + 4
 _MESSAGE_INDEX = struct.Struct("<HI")
 
@@ -68,104 +73,117 @@ class Entry:
     length: int
 
 
-@dataclass(slots=True)
 class Scan:
-    """What was found in a file."""
+    """What is found in an open file: every whole message, in the order of the file.
 
-    size: int  # of the file [bytes]
-    has_magic: bool = False  # the file begins as every MCAP file does
-    finished: bool = False  # the file was closed and its index is whole
-    torn_bytes: int = 0  # bytes at the end that are no whole message: what a killed writer leaves
-    entries: list[Entry] = field(default_factory=list)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    metadata: dict[str, str] = field(default_factory=dict)
-    # Damage, in words; empty for a file that is only unfinished
-    problems: list[str] = field(default_factory=list)
-    search_bytes: int = 0
+    Attributes:
+        size: Of the file [bytes].
+        has_magic: It begins as every MCAP file does.
+        finished: It was closed by its writer and its index is whole: public viewers can open it.
+        torn_bytes: Bytes at the end of an unfinished file that are no whole message.
+        metadata: What the writer was told about the attempt.
+        problems: What is wrong with it beside being unfinished, in words.
+    """
 
+    def __init__(self, descriptor: int) -> None:
+        self.size = os.fstat(descriptor).st_size
+        self.has_magic = os.pread(descriptor, len(MCAP0_MAGIC), 0) == MCAP0_MAGIC
+        self.finished, self.torn_bytes = False, 0
+        self.entries: list[Entry] = []
+        self.channels: dict[int, Channel] = {}
+        self.metadata: dict[str, str] = {}
+        self.problems: list[str] = []
+        self._descriptor, self._search_bytes = descriptor, _SEARCHES * self.size
+        if not self.has_magic and self.size:
+            self.problems.append("the first bytes are not those of an MCAP file")
+        limit, message_count = self.size, 0
+        for record in _read_summary(descriptor, self.size):
+            if isinstance(record, Channel):
+                self.channels[record.id] = record
+            elif isinstance(record, Statistics):
+                message_count = record.message_count
+            elif isinstance(record, Footer):
+                self.finished, limit = True, record.summary_start - _DATA_END_SIZE
+        self._walk(limit)
+        if message_count > len(self.entries):
+            lost = message_count - len(self.entries)
+            self.problems.append(f"{lost} of {message_count} messages are lost")
 
-def scan_file(descriptor: int) -> Scan:
-    """Find every whole message of an open file, in the order in which they were written."""
-    scan = Scan(size=os.fstat(descriptor).st_size)
-    scan.search_bytes = _SEARCHES * scan.size
-    scan.has_magic = os.pread(descriptor, len(MCAP0_MAGIC), 0) == MCAP0_MAGIC
-    if not scan.has_magic and scan.size:
-        scan.problems.append("the first bytes are not those of an MCAP file")
-    limit, message_count = scan.size, 0
-    for record in _read_summary(descriptor, scan.size):
-        if isinstance(record, Channel):
-            scan.channels[record.id] = record
-        elif isinstance(record, Statistics):
-            message_count = record.message_count
-        elif isinstance(record, Footer):
-            scan.finished, limit = True, record.summary_start - _DATA_END_SIZE
-    _walk(descriptor, scan, limit=limit)
-    if message_count > len(scan.entries):
-        lost = message_count - len(scan.entries)
-        scan.problems.append(f"{lost} of {message_count} messages are lost")
-    return scan
+    def _walk(self, limit: int) -> None:
+        offset = len(MCAP0_MAGIC)
+        while offset < limit:
+            end = self._read_record(offset, limit)
+            if len(self.entries) > _MAX_MESSAGES:
+                self.problems.append(f"it holds more than {_MAX_MESSAGES} messages")
+                return
+            if end is not None:
+                offset = end
+                continue
+            following = self._find_chunk(offset + 1, limit)
+            if following is None and not self.finished:
+                self.torn_bytes = limit - offset
+                return
+            following = limit if following is None else following
+            self.problems.append(f"bytes {offset} to {following} are damaged")
+            offset = following
 
-
-def _walk(descriptor: int, scan: Scan, *, limit: int) -> None:
-    offset = len(MCAP0_MAGIC)
-    while offset < limit:
-        end = _read_record(descriptor, scan, offset, limit)
-        if len(scan.entries) > _MAX_MESSAGES:
-            scan.problems.append(f"it holds more than {_MAX_MESSAGES} messages")
-            return
-        if end is not None:
-            offset = end
-            continue
-        following = _find_chunk(descriptor, scan, offset + 1, limit)
-        if following is None and not scan.finished:
-            scan.torn_bytes = limit - offset
-            return
-        following = limit if following is None else following
-        scan.problems.append(f"bytes {offset} to {following} are damaged")
-        offset = following
-
-
-def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | None:
-    """Take in the record at ``offset`` and return its end, or None if it is not whole."""
-    header = os.pread(descriptor, _RECORD_HEADER.size, offset)
-    if len(header) < _RECORD_HEADER.size:
-        return None
-    opcode, length = _RECORD_HEADER.unpack(header)
-    start = offset + len(header)
-    end: int = start + length
-    if end > limit:
-        return None
-    if opcode == Opcode.CHUNK:
-        chunk = _read_chunk(descriptor, offset, limit)
-        if chunk is None:
+    def _read_record(self, offset: int, limit: int) -> int | None:
+        """Take in the record at ``offset`` and return its end, or None if it is not whole."""
+        header = os.pread(self._descriptor, _RECORD_HEADER.size, offset)
+        if len(header) < _RECORD_HEADER.size:
             return None
-        channels, entries = chunk
-        scan.entries.extend(entries)
-        scan.channels.update((channel.id, channel) for channel in channels)
-        return end
-    if opcode == Opcode.MESSAGE_INDEX:
-        body = os.pread(descriptor, _MESSAGE_INDEX.size, start)
-        is_whole = length >= len(body) and _MESSAGE_INDEX.unpack(body)[1] + len(body) == length
-        return end if is_whole else None
-    if opcode in (Opcode.METADATA, Opcode.HEADER):
-        return end if _read_description(os.pread(descriptor, length, start), scan, opcode) else None
-    if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - _RECORD_HEADER.size:
-        scan.problems.append("the index at its end is damaged")
-        return limit
-    return None
+        opcode, length = _RECORD_HEADER.unpack(header)
+        start = offset + len(header)
+        end: int = start + length
+        if end > limit:
+            return None
+        if opcode == Opcode.CHUNK:
+            if (chunk := _read_chunk(self._descriptor, offset, limit)) is None:
+                return None
+            self.channels.update((channel.id, channel) for channel in chunk[0])
+            self.entries += chunk[1]
+            return end
+        if opcode == Opcode.MESSAGE_INDEX:
+            body = os.pread(self._descriptor, _MESSAGE_INDEX.size, start)
+            is_whole = length >= len(body) and _MESSAGE_INDEX.unpack(body)[1] + len(body) == length
+            return end if is_whole else None
+        if opcode in (Opcode.METADATA, Opcode.HEADER):
+            body = os.pread(self._descriptor, length, start)
+            return end if self._read_description(body, opcode) else None
+        if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - _RECORD_HEADER.size:
+            self.problems.append("the index at its end is damaged")
+            return limit
+        return None
 
+    def _read_description(self, body: bytes, opcode: int) -> bool:
+        """Take in a header or metadata record, which has no checksum; True if its sizes agree."""
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            if opcode == Opcode.HEADER:
+                Header.read(stream)
+            else:
+                self.metadata.update(Metadata.read(stream).metadata)
+        except _MALFORMED:
+            return False
+        return stream.count == len(body)
 
-def _read_description(body: bytes, scan: Scan, opcode: int) -> bool:
-    """Take in a header or metadata record, which has no checksum; True if its sizes agree."""
-    stream = ReadDataStream(BytesIO(body))
-    try:
-        if opcode == Opcode.HEADER:
-            Header.read(stream)
-        else:
-            scan.metadata.update(Metadata.read(stream).metadata)
-    except _MALFORMED:
-        return False
-    return stream.count == len(body)
+    def _find_chunk(self, offset: int, limit: int) -> int | None:
+        """Return where the next whole chunk at or after ``offset`` starts, or None.
+
+        Bytes that look like many long chunks are not all tried: the work stays a multiple of the
+        size.
+        """
+        for start in range(offset, limit, _SEARCH_BLOCK):
+            block = os.pread(self._descriptor, _SEARCH_BLOCK + _CHUNK_HEADER.size - 1, start)
+            for match in _CHUNK_START.finditer(block):
+                candidate = start + match.start()
+                header = os.pread(self._descriptor, _CHUNK_HEADER.size, candidate)
+                self._search_bytes -= min(_CHUNK_HEADER.unpack(header)[-1], limit) if header else 0
+                if self._search_bytes < 0:
+                    return None
+                if _read_chunk(self._descriptor, candidate, limit) is not None:
+                    return candidate
+        return None
 
 
 def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
@@ -185,20 +203,13 @@ def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
     if zlib.crc32(tail[: FOOTER_SIZE - 4], zlib.crc32(body)) != footer.summary_crc:
         return []
     try:
-        return [*_summarised(body), footer]
+        return [
+            _SUMMARISED[opcode].read(ReadDataStream(BytesIO(body[start:end])))
+            for opcode, start, end in _records(body)
+            if opcode in _SUMMARISED
+        ] + [footer]
     except _MALFORMED:
         return []
-
-
-def _summarised(body: bytes) -> Iterator[McapRecord]:
-    """Yield channels and statistics of a summary; its index of every chunk is left out."""
-    readers: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-        Opcode.CHANNEL: Channel.read,
-        Opcode.STATISTICS: Statistics.read,
-    }
-    for opcode, start, end in _records(body):
-        if opcode in readers:
-            yield readers[opcode](ReadDataStream(BytesIO(body[start:end])))
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
@@ -236,30 +247,6 @@ def _read_chunk(
         return _contents(data, start=offset + _CHUNK_HEADER.size)
     except _MALFORMED:
         return None
-
-
-def _find_chunk(descriptor: int, scan: Scan, offset: int, limit: int) -> int | None:
-    """Return where the next whole chunk at or after ``offset`` starts, or None.
-
-    Bytes that look like many long chunks are not all tried: the work stays a multiple of the size.
-    """
-    for candidate in _candidates(descriptor, offset, limit):
-        header = os.pread(descriptor, _CHUNK_HEADER.size, candidate)
-        scan.search_bytes -= min(_CHUNK_HEADER.unpack(header)[-1], limit) if header else 0
-        if scan.search_bytes < 0:
-            return None
-        if _read_chunk(descriptor, candidate, limit) is not None:
-            return candidate
-    return None
-
-
-def _candidates(descriptor: int, offset: int, limit: int) -> Iterator[int]:
-    while offset < limit:
-        block = os.pread(descriptor, _SEARCH_BLOCK + _CHUNK_HEADER.size - 1, offset)
-        for match in _CHUNK_START.finditer(block):
-            if match.start() < _SEARCH_BLOCK:
-                yield offset + match.start()
-        offset += _SEARCH_BLOCK
 
 
 def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] | None:
@@ -321,31 +308,41 @@ class ArmArrays:
     robot_mode: Int64Array  # RTDE robot_mode, shape [n]
 
 
-class Recording:
+class Recording(Scan):
     """One attempt's streams. What it returns passed its checksums when it was opened.
 
     Attributes:
         path: The MCAP file.
-        finished: It was closed by its writer, so public viewers can open it.
         damage: What is wrong with it beside being unfinished, in words; empty if nothing is.
-        torn_bytes: Bytes at the end of an unfinished file that are no whole message.
-        metadata: What the writer was told about the attempt.
         message_count: Readable messages.
     """
 
-    def __init__(self, path: Path, scan: Scan) -> None:
-        self.path = path
-        self.finished = scan.finished
-        self.damage = "; ".join(scan.problems)
-        self.torn_bytes = scan.torn_bytes
-        self.metadata = dict(scan.metadata)
-        self.message_count = len(scan.entries)
+    def __init__(self, path: Path, descriptor: int) -> None:
+        super().__init__(descriptor)
+        self.path, self.message_count = path, len(self.entries)
+        self.damage = "; ".join(self.problems)
+        if self.size == 0:
+            raise RecordError(
+                f"{path}: the recording is empty (0 bytes): its writer ended before its first "
+                "write, so nothing can be recovered",
+                remedy=f"`{command_line('resume', run_root_of(path))}` presses this trial again",
+            )
+        if not self.has_magic and not self.entries:
+            raise RecordError(
+                f"{path}: not an MCAP recording: {self.size} bytes, and no whole message in them",
+                remedy="check the path; the file was replaced, or its disk is failing",
+            )
+        if foreign := {channel.topic for channel in self.channels.values()} - set(Topic):
+            raise RecordError(
+                f"{path}: holds {', '.join(sorted(foreign))}, which this program never records",
+                remedy="check the path: this MCAP file comes from another program",
+            )
         self._channels = {
             each.id: (Topic(each.topic), _pixels(each, "width"), _pixels(each, "height"))
-            for each in scan.channels.values()
+            for each in self.channels.values()
         }
         self._entries: dict[Topic, list[Entry]] = {topic: [] for topic in Topic}
-        for entry in sorted(scan.entries, key=lambda item: item.log_time):
+        for entry in sorted(self.entries, key=lambda item: item.log_time):
             self._entries[self._channel(entry)[0]].append(entry)
 
     @classmethod
@@ -357,25 +354,7 @@ class Recording:
                 damaged one opens: see ``is_intact`` and ``describe``.
         """
         with open_file(path, what="the recording") as descriptor:
-            scan = scan_file(descriptor)
-        if scan.size == 0:
-            raise RecordError(
-                f"{path}: the recording is empty (0 bytes): its writer ended before its first "
-                "write, so nothing can be recovered",
-                remedy=f"`{command_line('resume', run_root_of(path))}` presses this trial again",
-            )
-        if not scan.has_magic and not scan.entries:
-            raise RecordError(
-                f"{path}: not an MCAP recording: {scan.size} bytes, and no whole message in them",
-                remedy="check the path; the file was replaced, or its disk is failing",
-            )
-        foreign = {channel.topic for channel in scan.channels.values()} - set(Topic)
-        if foreign:
-            raise RecordError(
-                f"{path}: holds {', '.join(sorted(foreign))}, which this program never records",
-                remedy="check the path: this MCAP file comes from another program",
-            )
-        return cls(path, scan)
+            return cls(path, descriptor)
 
     @property
     def is_intact(self) -> bool:

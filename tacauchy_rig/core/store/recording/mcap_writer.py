@@ -120,39 +120,29 @@ class RawMessage:
 
 def encode(item: Recorded) -> RawMessage:
     """Encode a sample, a frame or an event; JPEG bytes pass through unchanged."""
+    fields: dict[str, Any]
     match item:
-        case ForceSample(counter=counter, wrench=wrench):
-            values = zip(WRENCH_FIELDS, wrench, strict=True)
-            return _encoded(Topic.FORCE, item, counter, counter=counter, **dict(values))
+        case ForceSample():
+            topic, fields = Topic.FORCE, {"counter": item.counter}
+            fields |= zip(WRENCH_FIELDS, item.wrench, strict=True)
         case ArmSample():
-            kept = ("controller_time_s", *ARM_STATES)
-            return _encoded(
-                Topic.ARM,
-                item,
-                **{name: getattr(item, name) for name in kept},
-                **dict(zip(POSE_FIELDS, item.pose.as_vector(), strict=True)),
-                **dict(zip(VELOCITY_FIELDS, item.velocity, strict=True)),
-                **dict(zip(TCP_FORCE_FIELDS, item.tcp_force or (), strict=False)),
-            )
-        case JournalEvent(name=name, trial=trial, attempt=attempt):
-            detail = json.dumps(to_json(item.detail))
-            return _encoded(
-                Topic.EVENT, item, name=name, trial=trial, attempt=attempt, detail_json=detail
-            )
+            topic, kept = Topic.ARM, ("controller_time_s", *ARM_STATES)
+            fields = {name: getattr(item, name) for name in kept}
+            fields |= zip(POSE_FIELDS, item.pose.as_vector(), strict=True)
+            fields |= zip(VELOCITY_FIELDS, item.velocity, strict=True)
+            fields |= zip(TCP_FORCE_FIELDS, item.tcp_force or (), strict=False)
+        case JournalEvent():
+            topic = Topic.EVENT
+            fields = {name: getattr(item, name) for name in ("name", "trial", "attempt")}
+            fields["detail_json"] = json.dumps(to_json(item.detail))
         case ImageFrame():
             return _encoded_frame(item)
-
-
-def _encoded(
-    topic: Topic, item: Recorded, sequence: int = 0, /, **fields: float | str
-) -> RawMessage:
-    message = MESSAGES[topic](stamp_ns=item.stamp_ns, **fields)
     return RawMessage(
         topic=topic,
         log_time=item.stamp_ns,
         publish_time=item.stamp_ns,
-        sequence=sequence,
-        data=bytes(message.SerializeToString()),
+        sequence=fields.get("counter", 0),
+        data=bytes(MESSAGES[topic](stamp_ns=item.stamp_ns, **fields).SerializeToString()),
     )
 
 

@@ -24,7 +24,7 @@ from tacauchy_rig.core.config.load import Change, load_config
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.known_weight import Weight
 from tacauchy_rig.core.run import Tare
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.run_store import RunStore
 
 WEIGHT = Weight(mass_kg=0.2, uncertainty_kg=0.002)
@@ -51,7 +51,7 @@ def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
 
 
 def _journalled(store: RunStore) -> int:
-    return [event.name for event in read_journal(store.paths.journal)].count("force-check")
+    return [event.name for event in Journal.read(store.paths.journal).events].count("force-check")
 
 
 def test_a_right_cell_is_kept_and_stands(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,7 +132,7 @@ def test_what_was_changed_stands_in_the_journal(new_store: Callable[..., RunStor
     before = store.paths.run_json.read_bytes()
     note_changes(store, ())
     note_changes(store, [Change(field="limits.stale_image", old="500 ms", new="1 s")])
-    (event,) = [e for e in read_journal(store.paths.journal) if e.name == "resume-set"]
+    (event,) = [e for e in Journal.read(store.paths.journal).events if e.name == "resume-set"]
     assert event.detail == {
         "changes": [{"field": "limits.stale_image", "old": "500 ms", "new": "1 s"}]
     }
