@@ -5,14 +5,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.interfaces import TouchMode
-from tacauchy_rig.core.image_codec import decode_grey, reduction_to
+from tacauchy_rig.core.image_codec import decode_grey, reduction_to, stated_size
 
 CLIPPED_LEVEL = 250
 
 _START = b"\xff\xd8"
 _END = b"\xff\xd9"
-_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_START_OF_SCAN = 0xDA
 
 
 def jpeg_size(data: bytes) -> tuple[int, int] | None:
@@ -26,20 +24,7 @@ def jpeg_size(data: bytes) -> tuple[int, int] | None:
     """
     if not data.startswith(_START) or not data.rstrip(b"\0").endswith(_END):
         return None
-    position = len(_START)
-    while position + 9 < len(data) and data[position] == 0xFF:
-        marker = data[position + 1]
-        if marker == 0xFF:  # fill byte
-            position += 1
-            continue
-        if marker == _START_OF_SCAN:
-            return None
-        if marker in _FRAME_HEADERS:
-            height = int.from_bytes(data[position + 5 : position + 7], "big")
-            width = int.from_bytes(data[position + 7 : position + 9], "big")
-            return width, height
-        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
-    return None
+    return stated_size(data)
 
 
 def clipped_ratio(jpeg: bytes) -> float | None:

@@ -1,6 +1,7 @@
 """Images as RGB or grey, uint8: the one decoder and encoder of JPEG and PNG."""
 
 import base64
+import math
 import struct
 from enum import StrEnum
 
@@ -23,6 +24,7 @@ _MAX_PIXELS = 64 << 20
 """Far above any camera here; a file of some kilobytes can claim a hundred times as many."""
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers that begin the size of a JPEG."""
+_START_OF_SCAN, _FILL = 0xDA, 0xFF
 
 
 class ColourOrder(StrEnum):
@@ -52,22 +54,24 @@ def decode_grey(data: bytes, *, reduction: int = 1) -> ImageArray | None:
     return _decoded(data, _COLOUR[reduction] & ~cv2.IMREAD_COLOR)
 
 
-def _pixel_count(data: bytes) -> int:
-    """Return how many pixels a JPEG or PNG says that it has; 0 where it does not say."""
+def stated_size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height that a JPEG or PNG states [px]; None where it states none."""
     if data.startswith(_PNG):
         width, height = struct.unpack(">II", data[16:24].ljust(8, b"\0"))
-        return int(width * height)
+        return width, height
     place = 2
     while place + 9 <= len(data):
         _, kind, length, _, height, width = struct.unpack_from(">BBHBHH", data, place)
         if kind in _JPEG_FRAMES:
-            return int(width * height)
-        place += 2 + max(length, 1)
-    return 0
+            return width, height
+        if kind == _START_OF_SCAN:
+            return None
+        place += 1 if kind == _FILL else 2 + max(length, 1)
+    return None
 
 
 def _decoded(data: bytes, flag: int) -> ImageArray | None:
-    if not data or _pixel_count(data) > _MAX_PIXELS:
+    if not data or math.prod(stated_size(data) or (0,)) > _MAX_PIXELS:
         return None
     try:
         found = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
