@@ -287,7 +287,7 @@ def _floors(evidence: RunEvidence) -> tuple[Reference, ...]:
     """Return what a frame without contact and a flat colour score; neither knows the press."""
     seen = [trial.images for trial in evidence.trials if trial.images is not None]
     floors = [trial_floors(images, ()) for images in seen]
-    untouched = [score_contact(i.real, i.reference, i.reference) for i in seen]
+    untouched = [score_contact(images, images.reference) for images in seen]
     return (
         Reference(
             name="no-contact frame",
@@ -310,7 +310,7 @@ def _ceiling(evidence: RunEvidence) -> Reference | None:
     if not ceilings:
         return None
     halves = [
-        score_contact(trial.images.first_half, trial.images.second_half, trial.images.reference)
+        score_contact(replace(trial.images, real=trial.images.first_half), trial.images.second_half)
         for trial in evidence.trials
         if trial.images is not None
         if trial.images.first_half is not None and trial.images.second_half is not None
