@@ -122,13 +122,13 @@ _SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 7.2e-3, 102))
 
 
 def visible_share(
-    relief: Relief, x: Float32Array, y: Float32Array, toward: tuple[Float32Array, ...]
+    relief: Relief, x: Float32Array, y: Float32Array, toward: Float32Array
 ) -> Float32Array:
     """Return how much of a light each point of the gel sees, 0 to 1.
 
     Args:
         x, y: Points of the gel, one a pixel [m], shape [height, width].
-        toward: Unit vectors to the light, third component away from the gel, each like ``x``.
+        toward: Unit vectors to the light, third component away from the gel, [3, height, width].
     """
     size = x.shape[::-1]
     coarse = tuple(-(-count // _STRIDE) for count in size)
