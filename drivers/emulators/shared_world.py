@@ -26,6 +26,7 @@ from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.run import Pose
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 WORLD_FILE = "world.bin"
 
@@ -60,13 +61,10 @@ class SharedWorld:
     @classmethod
     def create(cls, path: Path) -> Self:
         """Create the file, or adopt the one that a previous process left there."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             return cls(path)
         except DeviceError:
-            fresh = path.with_name(f".{path.name}.{os.getpid()}")
-            fresh.write_bytes(_sealed(bytes(_STATE.size)))
-            fresh.replace(path)
+            write_atomically(path, _sealed(bytes(_STATE.size)))
             return cls(path)
 
     def publish(self, pose: Pose, stamp_ns: int) -> None:
