@@ -121,7 +121,7 @@ def render_html(
         "ordered": (trials := ordered(summary["trials"])),
         "some": spread(trials, MAX_COLUMNS),
         "groups": (groups := criterion_groups(summary)),
-        "counting": headline_groups(summary, groups),
+        "counting": {group["name"]: group for group in groups if group["counts"]},
     }
     for write in (at, mean_at, skill_of, worst_prediction):
         environment.filters[write.__name__] = write
@@ -226,18 +226,6 @@ def skill_of(trials: Sequence[Mapping[str, Any]], metric: str) -> str:
     return ", ".join(parts) or ABSENT
 
 
-def headline_groups(
-    summary: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
-) -> dict[str, dict[str, Any]]:
-    """Return by name the groups of criteria that count, and ``of`` how many cases they judge."""
-    known = {group["name"]: group for group in groups}
-    return {
-        row["name"]: {"of": group["known"] + row["trials"] - group["count"], **group}
-        for row in summary["headline"]
-        if (group := known.get(row["name"]))
-    }
-
-
 def worst_prediction(trials: Sequence[Mapping[str, Any]]) -> str:
     """Write the error of the press that is off most for its uncertainty, in per cent."""
     known = [t["force"] for t in trials if t["force"]["prediction_error_n"] is not None]
@@ -262,8 +250,9 @@ _NUMBER = re.compile(r"\d[\d.e-]*")
 def criterion_groups(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return every criterion once, over the run or over its presses, with grouped advice.
 
-    Of a press that did not end only its end is told.
+    Of a press that did not end only its end is told; the rest is counted as left out.
     """
+    names = [c["name"] for each in (summary, *summary["trials"]) for c in each["criteria"]]
     found: dict[str, list[tuple[str, Mapping[str, Any]]]] = {}
     for criterion in summary["criteria"]:
         found.setdefault(criterion["name"], []).append(("the run", criterion))
@@ -272,7 +261,10 @@ def criterion_groups(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         for criterion in trial["criteria"]:
             if ended or criterion["name"] == "press":
                 found.setdefault(criterion["name"], []).append((named(trial), criterion))
-    return [_group(name, cases, summary) for name, cases in found.items()]
+    return [
+        {"left_out": names.count(name) - len(cases), **_group(name, cases, summary)}
+        for name, cases in found.items()
+    ]
 
 
 def _group(
