@@ -80,9 +80,7 @@ def test_a_damaged_state_is_refused(tmp_path: Path) -> None:
     """A file that was damaged is named, with what to do, and no pose is made of it."""
     path = tmp_path / WORLD_FILE
     SharedWorld.create(path).close()
-    data = bytearray(path.read_bytes())
-    data[40] ^= 0xFF
-    path.write_bytes(data)
+    path.write_bytes(path.read_bytes()[::-1])
     with pytest.raises(DeviceError, match="the file was damaged"):
         SharedWorld(path).read()
 
