@@ -24,7 +24,7 @@ _MAX_PIXELS = 64 << 20
 """Far above any camera here; a file of some kilobytes can claim a hundred times as many."""
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers that begin the size of a JPEG."""
-_START_OF_SCAN, _FILL = 0xDA, 0xFF
+_MARKER, _START_OF_SCAN = 0xFF, 0xDA
 
 
 class ColourOrder(StrEnum):
@@ -60,13 +60,13 @@ def stated_size(data: bytes) -> tuple[int, int] | None:
         width, height = struct.unpack(">II", data[16:24].ljust(8, b"\0"))
         return width, height
     place = 2
-    while place + 9 <= len(data):
+    while place + 9 <= len(data) and data[place] == _MARKER:
         _, kind, length, _, height, width = struct.unpack_from(">BBHBHH", data, place)
         if kind in _JPEG_FRAMES:
             return width, height
         if kind == _START_OF_SCAN:
             return None
-        place += 1 if kind == _FILL else 2 + max(length, 1)
+        place += 1 if kind == _MARKER else 2 + max(length, 1)  # one more fills
     return None
 
 
