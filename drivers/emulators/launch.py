@@ -110,7 +110,7 @@ class Emulation:
                 is_free = asked.robot_host == "auto"
                 self._robot_host = free_loopback_host() if is_free else asked.robot_host
             elif self.follow_host is not None:
-                self._launch("pose_follower", "shared_world", self.config, host=self.follow_host)
+                self._launch("pose_follower", "shared_world", host=self.follow_host)
             for device in Device:
                 if device in self.devices:
                     self.start_device(device)
@@ -150,12 +150,10 @@ class Emulation:
             Device.FORCE_SENSOR: ("force_sensor.m8128_box_and_noise", "", 0),
             Device.CAMERA: ("camera.frames_and_noise", self.camera_host, self.camera_port),
         }[device]
-        self._launch(device, module, self.config, host=host, port=port)
+        self._launch(device, module, host=host, port=port)
 
-    def _launch(
-        self, name: str, module: str, config: RigConfig, *, host: str, port: int = 0
-    ) -> None:
-        settings = DeviceSettings(folder=self.folder, config=config, host=host, port=port)
+    def _launch(self, name: str, module: str, *, host: str, port: int = 0) -> None:
+        settings = DeviceSettings(folder=self.folder, config=self.config, host=host, port=port)
         self.processes[name] = EmulatedProcess(name, module, settings)
 
     def gel(self) -> Plant:

@@ -1,15 +1,14 @@
 """Where the arm is and which gel it presses, shared by processes that were started separately.
 
 One writer (the emulated controller, or a follower of a real robot's reported pose) and any
-number of readers (the emulated force sensor and camera) map the same small file. Readers poll;
+number of readers (the emulated force sensor and camera) open the same small file. Readers poll;
 nothing is queued and nothing is remembered but the newest state.
 
-Two slots are written in turn, each with a checksum, so that a writer killed in the middle leaves
-the last complete state readable. No state is ever torn.
+Each state is written by one call of the kernel, which no kill leaves half done, and carries a
+checksum: a reader that met a write in between reads again. No state is ever torn.
 """
 
 import json
-import mmap
 import os
 import struct
 import sys
@@ -27,14 +26,15 @@ from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.run import Pose
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 WORLD_FILE = "world.bin"
 
 _STATE = struct.Struct("=2q6d")  # sequence, stamp, pose
 _CHECKSUM = struct.Struct("=q")
-_SLOT_SIZE = _STATE.size + _CHECKSUM.size
-_FILE_SIZE = 2 * _SLOT_SIZE
+_FILE_SIZE = _STATE.size + _CHECKSUM.size
 _READ_TRIES = 1000
+_AGAIN_S = 1e-5  # the kernel may have let another process go first in the middle of a write
 
 
 class WorldState(NamedTuple):
@@ -46,75 +46,55 @@ class WorldState(NamedTuple):
 
 
 class SharedWorld:
-    """A mapped file that holds the newest state of the arm."""
+    """A file that holds the newest state of the arm."""
 
-    def __init__(self, path: Path, mapping: mmap.mmap) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._mapping = mapping
-        self._sequence: int | None = None
-
-    @classmethod
-    def create(cls, path: Path) -> Self:
-        """Create the file, or adopt the one that a previous process left there."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            return cls.open(path)
-        except DeviceError:
-            fresh = path.with_name(f".{path.name}.{os.getpid()}")
-            fresh.write_bytes(2 * _slot(0, 0, *(0.0,) * 6))
-            fresh.replace(path)
-            return cls.open(path)
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """Map a file that another process created."""
         if not path.is_file() or path.stat().st_size != _FILE_SIZE:
             raise DeviceError(
                 f"shared world {path}: absent, or not a file of this program",
                 remedy="start the emulated devices from one command, with the same folder",
             )
-        with path.open("r+b") as file:
-            return cls(path, mmap.mmap(file.fileno(), _FILE_SIZE))
+        self._file = os.open(path, os.O_RDWR)
+        self._sequence: int | None = None
+
+    @classmethod
+    def create(cls, path: Path) -> Self:
+        """Create the file, or adopt the one that a previous process left there."""
+        try:
+            return cls(path)
+        except DeviceError:
+            write_atomically(path, _sealed(bytes(_STATE.size)))
+            return cls(path)
 
     def publish(self, pose: Pose, stamp_ns: int) -> None:
         """Make a state the newest one, in the sequence of whoever published before."""
         before = self.read().sequence if self._sequence is None else self._sequence
         self._sequence = before + 1
-        offset = self._sequence % 2 * _SLOT_SIZE
-        slot = _slot(self._sequence, stamp_ns, *pose.as_vector())
-        self._mapping[offset : offset + _SLOT_SIZE] = slot
+        state = _STATE.pack(self._sequence, stamp_ns, *pose.as_vector())
+        os.pwrite(self._file, _sealed(state), 0)
 
     def read(self) -> WorldState:
-        """Return the newest complete state; never blocks.
+        """Return the newest state.
 
         Raises:
-            DeviceError: No slot holds a complete state, so the file was damaged.
+            DeviceError: No read was complete, so the file was damaged.
         """
         for _ in range(_READ_TRIES):
-            # Where a slot is being written, the next try finds both complete: the other one alone
-            # could be older than what the last read returned. A damaged slot is never complete.
-            data = self._mapping[:]
-            found = [data[start : start + _SLOT_SIZE] for start in (0, _SLOT_SIZE)]
-            complete = [
-                slot[: _STATE.size] for slot in found if slot == _sealed(slot[: _STATE.size])
-            ]
-            if len(complete) == 2:
-                break
-        if not complete:
-            raise DeviceError(
-                f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
-                remedy="the file was damaged: delete it and start the emulated devices again",
-            )
-        sequence, stamp_ns, *v = max(map(_STATE.unpack, complete))
-        return WorldState(Pose.of(v), stamp_ns, sequence)
+            data = os.pread(self._file, _FILE_SIZE, 0)
+            state = data[: _STATE.size]
+            if data == _sealed(state):
+                sequence, stamp_ns, *v = _STATE.unpack(state)
+                return WorldState(Pose.of(v), stamp_ns, sequence)
+            time.sleep(_AGAIN_S)
+        raise DeviceError(
+            f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
+            remedy="the file was damaged: delete it and start the emulated devices again",
+        )
 
     def close(self) -> None:
-        """Unmap the file; it stays on disk for the others."""
-        self._mapping.close()
-
-
-def _slot(sequence: int, stamp_ns: int, *numbers: float) -> bytes:
-    return _sealed(_STATE.pack(sequence, stamp_ns, *numbers))
+        """Close the file; it stays on disk for the others."""
+        os.close(self._file)
 
 
 def _sealed(state: bytes) -> bytes:

@@ -11,7 +11,7 @@ from reports.evidence.evidence_types import ImageGeometry, RunEvidence, TrialEvi
 from reports.scores import image_metrics as bounds
 from reports.scores import wrong_forces
 from reports.scores.confidence_interval import MeanInterval, t_interval
-from reports.scores.contact_scores import correct, score_contact, touched
+from reports.scores.contact_scores import correct, score_contact
 from reports.scores.force_uncertainty import Scatter, compare_force, scatter_between
 from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_mean_mse, score
 from tacauchy_rig.core.image_codec import to_grey
@@ -109,9 +109,8 @@ def compare_images(
     if images is not None and simulated is not None:
         scores = crossed[trial.index][trial.index]
         grey = score(to_grey(images.real), to_grey(simulated))
-        three = (images.real, simulated, images.reference)
-        contact = score_contact(*three, scale_mm_px=scale, seen=touched(images))
-        corrections = correct(*three, scale_mm_px=scale, seen=touched(images))
+        contact = score_contact(images, simulated, scale_mm_px=scale)
+        corrections = correct(images, simulated, scale_mm_px=scale)
     if images is not None:
         wrong = {t.index for t in others if t.is_wrong_for(trial)}
         own = crossed[trial.index]

@@ -74,6 +74,7 @@ MECHANICS = (
 ALL = (*FRAME, *CONTACT, *MECHANICS)
 
 
+_NOTHING = PressOutput()
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
 """Of what a comparison of images finds."""
 
@@ -93,14 +94,17 @@ class JudgedPress:
     force_error_n: float | None  # its force at the measured depth minus the measured one [N]
     force_error_relative: float | None
     depth_error_m: float | None  # its depth at the measured force minus the measured one [m]
-    height_apart_rms_m: float | None  # of its surface from our replay's, which is no truth [m]
-    height_apart_largest_m: float | None  # likewise the largest [m]
+    height_apart_rms_m: float | None = (
+        None  # of its surface from our replay's, which is no truth [m]
+    )
+    height_apart_largest_m: float | None = None  # likewise the largest [m]
     # Of its pressure from our replay's, which is no truth either: the norm of the difference over
     # that of ours, of all pixels.
-    pressure_apart_relative: float | None
-    shear_apart_relative: float | None  # of its shear, likewise; 1 is what no shear at all would be
+    pressure_apart_relative: float | None = None
+    # Of its shear, likewise; 1 is what no shear at all would be.
+    shear_apart_relative: float | None = None
     # Its pressure, summed over the image [N]: its own force, or they disagree.
-    pressure_force_n: float | None
+    pressure_force_n: float | None = None
 
     @property
     def wins(self) -> bool | None:
@@ -149,7 +153,7 @@ class JudgedSimulator:
 
     def image(self, trial: int) -> ImageArray | None:
         """Return what it shows of a trial."""
-        return self.outputs.presses.get(trial, PressOutput()).image
+        return self.outputs.presses.get(trial, _NOTHING).image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +201,7 @@ def _judged(
     evidence: RunEvidence, entry: Outputs, ours: Mapping[int, PressOutput], *, is_ours: bool
 ) -> JudgedSimulator:
     trials = tuple(
-        replace(trial, simulated_image=entry.presses.get(trial.index, PressOutput()).image)
+        replace(trial, simulated_image=entry.presses.get(trial.index, _NOTHING).image)
         for trial in evidence.trials
     )
     shown = replace(evidence, trials=trials)
@@ -213,7 +217,8 @@ def _judged(
                 force_n=output.force_n,
                 **{name: seen[name] for name in _SEEN},
                 **_force(trial, output, entry.simulator.driven_by),
-                **_fields(output, ours.get(trial.index), evidence, is_ours=is_ours),
+                # Ours has the pressure of the measured force, and the force of the measured depth.
+                **({} if is_ours else _fields(output, ours.get(trial.index, _NOTHING), evidence)),
             )
         )
     won = [press.wins for press in presses if press.wins is not None]
@@ -240,30 +245,20 @@ def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> 
     }
 
 
-_FIELDS = (
-    "height_apart_rms_m",
-    "height_apart_largest_m",
-    "pressure_apart_relative",
-    "shear_apart_relative",
-    "pressure_force_n",
-)
-
-
-def _fields(
-    output: PressOutput, ours: PressOutput | None, evidence: RunEvidence, *, is_ours: bool
-) -> dict[str, Any]:
-    if is_ours:  # its pressure is of the measured force, its force of the measured depth
-        return dict.fromkeys(_FIELDS)
-    rms = largest = total = None
-    if output.height_m is not None and ours is not None and ours.height_m is not None:
+def _fields(output: PressOutput, ours: PressOutput, evidence: RunEvidence) -> dict[str, Any]:
+    """Return what surface, pressure and shear say, by the fields of a press."""
+    found: dict[str, Any] = {
+        "pressure_apart_relative": _apart(output.pressure_pa, ours.pressure_pa),
+        "shear_apart_relative": _apart(output.shear_pa, ours.shear_pa),
+    }
+    if output.height_m is not None and ours.height_m is not None:
         apart = output.height_m - ours.height_m
-        rms, largest = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
+        found["height_apart_rms_m"] = float(np.sqrt(np.mean(apart**2)))
+        found["height_apart_largest_m"] = float(np.abs(apart).max())
     x_m, y_m = evidence.geometry.scale_x_m_px, evidence.geometry.scale_y_m_px
     if output.pressure_pa is not None and x_m is not None and y_m is not None:
-        total = float(output.pressure_pa.sum()) * x_m * y_m
-    pressure = _apart(output.pressure_pa, None if ours is None else ours.pressure_pa)
-    shear = _apart(output.shear_pa, None if ours is None else ours.shear_pa)
-    return dict(zip(_FIELDS, (rms, largest, pressure, shear, total), strict=True))
+        found["pressure_force_n"] = float(output.pressure_pa.sum()) * x_m * y_m
+    return found
 
 
 def _apart(theirs: FloatArray | None, ours: FloatArray | None) -> float | None:
@@ -287,7 +282,7 @@ def _floors(evidence: RunEvidence) -> tuple[Reference, ...]:
     """Return what a frame without contact and a flat colour score; neither knows the press."""
     seen = [trial.images for trial in evidence.trials if trial.images is not None]
     floors = [trial_floors(images, ()) for images in seen]
-    untouched = [score_contact(i.real, i.reference, i.reference) for i in seen]
+    untouched = [score_contact(images, images.reference) for images in seen]
     return (
         Reference(
             name="no-contact frame",
@@ -310,7 +305,7 @@ def _ceiling(evidence: RunEvidence) -> Reference | None:
     if not ceilings:
         return None
     halves = [
-        score_contact(trial.images.first_half, trial.images.second_half, trial.images.reference)
+        score_contact(replace(trial.images, real=trial.images.first_half), trial.images.second_half)
         for trial in evidence.trials
         if trial.images is not None
         if trial.images.first_half is not None and trial.images.second_half is not None

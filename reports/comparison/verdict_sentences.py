@@ -5,6 +5,7 @@ Every sentence is made from the numbers of this run; none is praise. Their words
 """
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -111,17 +112,12 @@ def _missed_by_name(trials: Sequence[TrialResult]) -> list[tuple[list[str], Crit
     ]
 
 
-def _judged(trials: Sequence[TrialResult]) -> dict[str, tuple[int, int, int]]:
+def _judged(trials: Sequence[TrialResult]) -> dict[str, Counter[str]]:
     """Return of each criterion in how many trials it is met, missed, and not known."""
-    found: dict[str, tuple[int, int, int]] = {}
-    for criterion in (c for trial in trials for c in trial.criteria):
-        met, missed, unknown = found.get(criterion.name, (0, 0, 0))
-        known = not math.isnan(criterion.measured)
-        found[criterion.name] = (
-            met + criterion.passed,
-            missed + (known and not criterion.passed),
-            unknown + (not known),
-        )
+    found: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    for each in (criterion for trial in trials for criterion in trial.criteria):
+        unmet = "unknown" if math.isnan(each.measured) else "missed"
+        found[each.name]["met" if each.passed else unmet] += 1
     return found
 
 

@@ -15,7 +15,7 @@ from reports.evidence.intermediate_states import intermediate_states
 from tacauchy_rig.core.config.settings import REFINE_RATIO, RigConfig, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.known_weight import ForceCheck
-from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
+from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import ForceDepthCurve, Replay, model_of
 from tacauchy_rig.core.store.check.attempt_files_check import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run_and_press_check import RunCheck, check_run
@@ -289,7 +289,7 @@ def _describe(event: JournalEvent) -> str:
 
 
 def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
-    described = store.description
+    described, imported = store.description, store.imported.load()
     return {
         "name": described.get("name", store.paths.root.name),
         "created": described.get("created"),
@@ -301,7 +301,14 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
         "replay": None if replay is None else replay.name,
         "replay_versions": {} if replay is None else replay.versions,
         "devices": described.get("devices", {}),
-        "imported": _source(store.imported.load()),
+        "imported": {}
+        if imported is None
+        else {
+            "kind": imported.kind,
+            "source": imported.source,
+            "has_clock": imported.has_clock,
+            "file_count": len(imported.files),
+        },
     }
 
 
@@ -317,15 +324,3 @@ def _recorded_at(store: RunStore, records: Mapping[int, TrialRecord | None]) -> 
     if not starts or not CLOCK_SINCE_NS < min(starts) < CLOCK_UNTIL_NS:
         return None
     return datetime.fromtimestamp(min(starts) // 10**9, UTC).isoformat()
-
-
-def _source(imported: Imported | None) -> dict[str, Any]:
-    """Return where an imported run is from; nothing of one of ours."""
-    if imported is None:
-        return {}
-    return {
-        "kind": imported.kind,
-        "source": imported.source,
-        "has_clock": imported.has_clock,
-        "file_count": len(imported.files),
-    }

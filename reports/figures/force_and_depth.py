@@ -61,13 +61,9 @@ def draw_time_curves(evidence: RunEvidence) -> Figure:
 
 def _draw_curve(axes: Axes, curve: Curve | None, color: str, factor: float) -> None:
     if curve is not None and len(curve.time_s):
-        axes.plot(*_thin(curve, factor), color=color, linewidth=0.8)
+        some = slice(None, None, max(1, len(curve.time_s) // MAX_POINTS))
+        axes.plot(curve.time_s[some], curve.value[some] * factor, color=color, linewidth=0.8)
     axes.grid(axis="y")
-
-
-def _thin(curve: Curve, factor: float) -> tuple[FloatArray, FloatArray]:
-    step = max(1, len(curve.time_s) // MAX_POINTS)
-    return curve.time_s[::step], curve.value[::step] * factor
 
 
 def _time_limits(trial: TrialEvidence, dwell_s: tuple[float, float]) -> tuple[float, float]:

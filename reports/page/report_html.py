@@ -121,9 +121,10 @@ def render_html(
         "ordered": (trials := ordered(summary["trials"])),
         "some": spread(trials, MAX_COLUMNS),
         "groups": (groups := criterion_groups(summary)),
-        "overview": list(overview(summary, groups)),
+        "counting": {group["name"]: group for group in groups if group["counts"]},
     }
-    environment.filters |= {"at": at, "mean_at": mean_at, "skill_of": skill_of}
+    for write in (at, mean_at, skill_of, worst_prediction):
+        environment.filters[write.__name__] = write
     return environment.get_template("report.html.jinja").render(summary=summary)
 
 
@@ -225,77 +226,7 @@ def skill_of(trials: Sequence[Mapping[str, Any]], metric: str) -> str:
     return ", ".join(parts) or ABSENT
 
 
-def overview(
-    summary: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
-) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the first table: what counts, the floor of each, and what is required."""
-    statistics, limits = summary["statistics"], summary["thresholds"]
-    metrics, floors = statistics["metrics"], statistics["no_contact"]
-    known = {group["name"]: group for group in groups}
-    rows = {
-        row["name"]: {"of": group["known"] + row["trials"] - group["count"], **group}
-        for row in summary["headline"]
-        if (group := known.get(row["name"]))
-    }
-
-    def worst(name: str, digits: int = 3, unit: str = "") -> str:
-        return number(rows[name]["worst"]["measured"] if name in rows else None, digits, unit=unit)
-
-    cells = {
-        criteria.RESIDUAL: {
-            "name": "Residual in the contact: share of the image change left unexplained",
-            "mean": interval(statistics["contact_relative_residual"], 3),
-            "worst": worst(criteria.RESIDUAL),
-            "floor": "1",
-            "required": f"at most {limits['max_contact_residual']:g}",
-        },
-        criteria.MARGIN: {
-            "name": "Margin of the correct force over wrong forces and no contact",
-            "worst": worst(criteria.MARGIN, 1, " times the scatter"),
-            "required": f"at least {limits['min_force_margin']:g} times the scatter",
-        },
-        criteria.PREDICTION: {
-            "name": "Error of the force predicted at the measured depth (%)",
-            "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
-            "worst": _worst_prediction(summary["trials"]),
-            "required": f"at most {limits['coverage_factor']:g} times its standard uncertainty",
-        },
-        criteria.OFFSET: {
-            "name": "Distance between simulated and seen contact (mm)",
-            "worst": worst(criteria.OFFSET),
-            "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
-        },
-        criteria.MODULUS: {
-            "name": "Modulus fitted to these presses, divided by the nominal modulus",
-            "mean": worst(criteria.MODULUS),
-        },
-    }
-    for name, cell in cells.items():
-        if name in rows:
-            yield _judged(rows[name]) | {"required": rows[name]["limit"]} | cell
-    if metrics["ssim"]["mean"] is not None or floors["ssim"]["mean"] is not None:
-        yield {
-            "name": "SSIM of the whole frame",
-            "mean": interval(metrics["ssim"], 4),
-            "floor": interval(floors["ssim"], 4),
-            "required": "none: the verdict does not depend on it",
-        }
-    matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
-    if matched:
-        yield {
-            "name": "Simulated minus measured force after matching (N)",
-            "worst": number(max(matched), 4),
-            "required": "none: matched by construction, no evidence",
-        }
-
-
-def _judged(group: Mapping[str, Any]) -> dict[str, Any]:
-    if not group["known"]:
-        return {"met": "not known"}
-    return {"met": f"{group['met']} of {group['of']}", "good": group["met"] == group["of"]}
-
-
-def _worst_prediction(trials: Sequence[Mapping[str, Any]]) -> str:
+def worst_prediction(trials: Sequence[Mapping[str, Any]]) -> str:
     """Write the error of the press that is off most for its uncertainty, in per cent."""
     known = [t["force"] for t in trials if t["force"]["prediction_error_n"] is not None]
     known = [force for force in known if force["combined"] and force["prediction_error_relative"]]
@@ -319,8 +250,9 @@ _NUMBER = re.compile(r"\d[\d.e-]*")
 def criterion_groups(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return every criterion once, over the run or over its presses, with grouped advice.
 
-    Of a press that did not end only its end is told.
+    Of a press that did not end only its end is told; the rest is counted as left out.
     """
+    names = [c["name"] for each in (summary, *summary["trials"]) for c in each["criteria"]]
     found: dict[str, list[tuple[str, Mapping[str, Any]]]] = {}
     for criterion in summary["criteria"]:
         found.setdefault(criterion["name"], []).append(("the run", criterion))
@@ -329,7 +261,10 @@ def criterion_groups(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         for criterion in trial["criteria"]:
             if ended or criterion["name"] == "press":
                 found.setdefault(criterion["name"], []).append((named(trial), criterion))
-    return [_group(name, cases, summary) for name, cases in found.items()]
+    return [
+        {"left_out": names.count(name) - len(cases), **_group(name, cases, summary)}
+        for name, cases in found.items()
+    ]
 
 
 def _group(

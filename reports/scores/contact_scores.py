@@ -8,7 +8,7 @@ raw scores, and say what was corrected.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import EllipsisType
 from typing import NamedTuple
@@ -167,37 +167,26 @@ def relative_residual(
 @lru_cache(maxsize=256)
 def touched(images: TrialImages) -> Touched | None:
     """Return where a trial's real image shows a contact, found once; None where it shows none."""
-    return touched_by(image_change(images.real, images.reference))
-
-
-def touched_by(change: FloatArray) -> Touched | None:
-    """Return where a change shows a contact; None where it shows none."""
-    footprint = contact_footprint(change)
+    footprint = contact_footprint(image_change(images.real, images.reference))
     return None if footprint is None else Touched(footprint, contact_region(footprint))
 
 
 def score_contact(
-    real: ImageArray,
-    simulated: ImageArray,
-    reference: ImageArray,
-    *,
-    scale_mm_px: tuple[float, float] | None = None,
-    seen: Touched | None = None,
+    images: TrialImages, simulated: ImageArray, *, scale_mm_px: tuple[float, float] | None = None
 ) -> ContactScores | None:
     """Score the contact of one trial.
 
     Args:
-        real: What the camera saw; ``simulated``, what the replay rendered.
-        reference: The real no-contact frame; both changes are taken against it.
+        images: What the camera saw; both changes are taken against its no-contact frame.
+        simulated: What the replay rendered.
         scale_mm_px: Gel surface per pixel along x and y [mm/px].
-        seen: Where the real image shows the contact, if that was found before.
 
     Returns:
         The scores, or None when the real image shows no contact. A simulated image without a
         visible contact scores an overlap of 0 and NaN distances.
     """
-    real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
-    seen = seen or touched_by(real_change)
+    real_change, simulated_change = _changes(images, simulated)
+    seen = touched(images)
     if seen is None:
         return None
     footprint, region = seen
@@ -215,7 +204,7 @@ def score_contact(
         relative_residual=relative_residual(real_change, simulated_change, region),
         ring_residual=relative_residual(real_change, simulated_change, contact_ring(footprint)),
         error_levels=float(np.mean(np.abs((simulated_change - real_change)[region]))),
-        ssim_crop=structural_similarity_index(real[crop], simulated[crop]),
+        ssim_crop=structural_similarity_index(images.real[crop], simulated[crop]),
         mask_iou=iou,
         centroid_error_px=math.hypot(*offset_px),
         radius_error_px=radius_error_px,
@@ -224,6 +213,11 @@ def score_contact(
         radius_error_mm=finite(radius_error_px * mean_scale),
         radius_real_mm=finite(footprint_radius(footprint) * mean_scale),
     )
+
+
+def _changes(images: TrialImages, simulated: ImageArray) -> tuple[FloatArray, FloatArray]:
+    reference = images.reference
+    return image_change(images.real, reference), image_change(simulated, reference)
 
 
 def _centroid_offset(first: BoolArray, second: BoolArray) -> tuple[float, float]:
@@ -273,36 +267,33 @@ class Corrections:
 
 
 def correct(
-    real: ImageArray,
-    simulated: ImageArray,
-    reference: ImageArray,
-    *,
-    scale_mm_px: tuple[float, float] | None = None,
-    seen: Touched | None = None,
+    images: TrialImages, simulated: ImageArray, *, scale_mm_px: tuple[float, float] | None = None
 ) -> Corrections | None:
     """Fit pose and light residuals and score again; arguments as of ``score_contact``.
 
     Returns:
         None when the real image shows no contact.
     """
-    real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
-    seen = seen or touched_by(real_change)
+    real_change, simulated_change = _changes(images, simulated)
+    seen, real = touched(images), images.real
     if seen is None:
         return None
     shift = register_changes(real_change, simulated_change, seen.region)
     light = fit_light(real, simulated, seen.footprint)
     moved = simulated
     if shift is not None:
-        moved = _to_image(reference + shift_change(simulated_change, *shift))
-    lit = moved if light is None else apply_light(moved, light)
+        moved = _to_image(images.reference + shift_change(simulated_change, *shift))
+    metrics, contact = None, None
+    if light is not None:
+        lit, bare = apply_light(moved, light), apply_light(images.reference, light)
+        metrics = score(real, lit)
+        contact = score_contact(replace(images, reference=bare), lit, scale_mm_px=scale_mm_px)
     return Corrections(
         pose=None if shift is None else _pose(shift, scale_mm_px),
         light=light,
         metrics_pose_corrected=None if shift is None else score(real, moved),
-        metrics_pose_light_corrected=None if light is None else score(real, lit),
-        contact_pose_light_corrected=None
-        if light is None
-        else score_contact(real, lit, apply_light(reference, light), scale_mm_px=scale_mm_px),
+        metrics_pose_light_corrected=metrics,
+        contact_pose_light_corrected=contact,
     )
 
 

@@ -123,15 +123,8 @@ def zero_mean_correlation(first: FloatArray, second: FloatArray) -> float:
     return float(a @ b) / norm if norm > 0.0 else math.nan
 
 
-def normalized_cross_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
-    """Compute the zero-mean normalised cross-correlation; NaN where an image is flat."""
-    check_image_pair(first, second)
-    return zero_mean_correlation(first.astype(np.float64), second.astype(np.float64))
-
-
 def histogram_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
     """Correlate the 256-bin histograms, averaged over the channels."""
-    check_image_pair(first, second)
     pairs = [
         [
             cv2.calcHist([np.ascontiguousarray(image)], [channel], None, [HISTOGRAM_BINS], [0, 256])
@@ -140,12 +133,6 @@ def histogram_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -
         for channel in range(first.shape[2] if first.ndim == 3 else 1)
     ]
     return float(np.mean([cv2.compareHist(one, other, cv2.HISTCMP_CORREL) for one, other in pairs]))
-
-
-def mean_squared_error(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
-    """Compute the mean squared difference of 8-bit values [grey level^2]."""
-    check_image_pair(first, second)
-    return float(np.mean((first.astype(np.float64) - second.astype(np.float64)) ** 2))
 
 
 def psnr_of(mse: float) -> float:
@@ -157,12 +144,14 @@ def score(real: NDArray[np.uint8], simulated: NDArray[np.uint8]) -> ImageScores:
     """Compute all scores; both images RGB or both grey.
 
     Raises:
-        RecordError: The images differ in shape, or are not 8-bit.
+        RecordError: As for the SSIM.
     """
-    mse = mean_squared_error(real, simulated)
+    ssim = structural_similarity_index(real, simulated)
+    first, second = real.astype(np.float64), simulated.astype(np.float64)
+    mse = float(np.mean((first - second) ** 2))
     return ImageScores(
-        ssim=structural_similarity_index(real, simulated),
-        ncc=normalized_cross_correlation(real, simulated),
+        ssim=ssim,
+        ncc=zero_mean_correlation(first, second),
         histogram_correlation=histogram_correlation(real, simulated),
         psnr_db=psnr_of(mse),
         mse=mse,

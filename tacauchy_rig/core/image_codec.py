@@ -24,7 +24,7 @@ _MAX_PIXELS = 64 << 20
 """Far above any camera here; a file of some kilobytes can claim a hundred times as many."""
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers that begin the size of a JPEG."""
-_JPEG_FILL, _JPEG_SCAN = 0xFF, 0xDA
+_MARKER, _START_OF_SCAN = 0xFF, 0xDA
 
 
 class ColourOrder(StrEnum):
@@ -55,23 +55,23 @@ def decode_grey(data: bytes, *, reduction: int = 1) -> ImageArray | None:
 
 
 def stated_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height [px] that a JPEG or PNG says it has; None where it does not say."""
+    """Return width and height that a JPEG or PNG states [px]; None where it states none."""
     if data.startswith(_PNG):
         width, height = struct.unpack(">II", data[16:24].ljust(8, b"\0"))
         return width, height
     place = 2
-    while place + 9 <= len(data) and data[place] == _JPEG_FILL:
+    while place + 9 <= len(data) and data[place] == _MARKER:
         _, kind, length, _, height, width = struct.unpack_from(">BBHBHH", data, place)
-        if kind == _JPEG_SCAN:
-            return None
         if kind in _JPEG_FRAMES:
             return width, height
-        place += 1 if kind == _JPEG_FILL else 2 + length
+        if kind == _START_OF_SCAN:
+            return None
+        place += 1 if kind == _MARKER else 2 + max(length, 1)  # one more fills
     return None
 
 
 def _decoded(data: bytes, flag: int) -> ImageArray | None:
-    if not data or math.prod(stated_size(data) or ()) > _MAX_PIXELS:
+    if not data or math.prod(stated_size(data) or (0,)) > _MAX_PIXELS:
         return None
     try:
         found = cv2.imdecode(np.frombuffer(data, np.uint8), flag)

@@ -13,17 +13,21 @@ from typing import Any
 
 import pytest
 
-from drivers.emulators.arm.controller import EVENTS_FILE, TRACE_FILE, TRACE_ROW
+from drivers.emulators.arm.controller import TRACE_FILE
 from tacauchy_rig.core.run import Vector3
 from tests.drivers.conftest import FORKED, EmulatedUr
 
 Scenario = Callable[..., None]
 
 
-def read_events(folder: Path) -> list[dict[str, object]]:
-    """Return the events written so far, oldest first."""
-    lines = (folder / EVENTS_FILE).read_text(encoding="utf-8").splitlines()
+def _notes(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / TRACE_FILE).read_text(encoding="utf-8").splitlines()
     return [json.loads(line) for line in lines if line.endswith("}")]
+
+
+def read_events(folder: Path) -> list[dict[str, Any]]:
+    """Return the events written so far, oldest first."""
+    return [note for note in _notes(folder) if "name" in note]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,12 +42,9 @@ class TraceRow:
 
 def read_trace(folder: Path) -> list[TraceRow]:
     """Return the rows written so far; a row cut short by a kill is left out."""
-    data = (folder / TRACE_FILE).read_bytes()
-    whole = data[: len(data) - len(data) % TRACE_ROW.size]
-    return [
-        TraceRow(stamp_ns=s, position=(x, y, z), velocity=(u, v, w), runtime_state=state)
-        for s, x, y, z, u, v, w, state in TRACE_ROW.iter_unpack(whole)
-    ]
+    rows = [note for note in _notes(folder) if "position" in note]
+    vectors = ("position", "velocity")
+    return [TraceRow(**row | {name: tuple(row[name]) for name in vectors}) for row in rows]
 
 
 _answers: list[Connection] = []

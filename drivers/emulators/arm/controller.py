@@ -6,7 +6,6 @@ It prints one JSON line when its ports are open, then serves until it is told to
 import functools
 import json
 import select
-import struct
 import sys
 import time
 from collections.abc import Callable
@@ -196,7 +195,8 @@ class UrController:
                 self._reset_safety()
 
     def _note(self, name: str, **detail: object) -> None:
-        self._trace.note(time.monotonic_ns(), name, self.body.motion.pose, **detail)
+        z_m = self.body.motion.pose[2]
+        self._trace.note(time.monotonic_ns(), name=name, z_m=z_m, **detail)
 
 
 def _serve(settings: DeviceSettings, service: Service) -> None:
@@ -215,50 +215,39 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
         controller.close()
 
 
-TRACE_FILE = "arm_trace.bin"
-EVENTS_FILE = "arm_events.jsonl"
-
-TRACE_ROW = struct.Struct("<q6dB7x")  # stamp, position, velocity, program state, padding
+TRACE_FILE = "arm_trace.jsonl"
 _REST_PERIOD_NS = 1_000_000_000
-_FLUSH_PERIOD_NS = 100_000_000
 
 
 class ArmTrace:
     """Keeps what the arm truly did, so that anyone can say how a fault ended.
 
-    ``arm_trace.bin`` holds one row for each cycle in which the arm moved and one a second while it
-    rests, buffered for at most 0.1 s; ``arm_events.jsonl`` one line for each thing that happened.
+    A JSON line for each cycle in which the arm moved, one a second while it rests, and one for each
+    thing that happened.
     """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._rows = (folder / TRACE_FILE).open("ab")
-        self._events = (folder / EVENTS_FILE).open("a", encoding="utf-8")
+        self._lines = (folder / TRACE_FILE).open("a", buffering=1, encoding="utf-8")
         self._last_row_ns = 0
-        self._last_flush_ns = 0
         self._was_moving = True
 
     def add(self, stamp_ns: int, position: Vector3, velocity: Vector6, runtime_state: int) -> None:
         """Note one cycle."""
-        moving = velocity[0] != 0.0 or velocity[1] != 0.0 or velocity[2] != 0.0
+        moving = any(velocity[:3])
         if moving or self._was_moving or stamp_ns - self._last_row_ns >= _REST_PERIOD_NS:
-            self._rows.write(TRACE_ROW.pack(stamp_ns, *position, *velocity[:3], runtime_state))
+            state = {"velocity": velocity[:3], "runtime_state": runtime_state}
+            self.note(stamp_ns, position=position, **state)
             self._last_row_ns = stamp_ns
         self._was_moving = moving
-        if stamp_ns - self._last_flush_ns >= _FLUSH_PERIOD_NS:
-            self._rows.flush()
-            self._last_flush_ns = stamp_ns
 
-    def note(self, stamp_ns: int, name: str, pose: Vector6, **detail: object) -> None:
+    def note(self, stamp_ns: int, **what: object) -> None:
         """Note that something happened."""
-        line = {"stamp_ns": stamp_ns, "name": name, "z_m": pose[2], **detail}
-        self._events.write(json.dumps(line) + "\n")
-        self._events.flush()
+        self._lines.write(json.dumps({"stamp_ns": stamp_ns, **what}) + "\n")
 
     def close(self) -> None:
-        """Write what is buffered."""
-        self._rows.close()
-        self._events.close()
+        """Close the file."""
+        self._lines.close()
 
 
 _READY, _DONE = 1, 2

@@ -88,7 +88,6 @@ class PseudoPort:
 
 
 _BACKLOG_LIMIT_NS = 500_000_000
-_FLUSH_FRAMES = 100
 
 
 class EmulatedBox:
@@ -171,8 +170,6 @@ class EmulatedBox:
             "depth_true_m": None if depth_m is None else round(depth_m, 9),
         }
         self._trace.write(json.dumps(record) + "\n")
-        if self._number % _FLUSH_FRAMES == 0:
-            self._trace.flush()
 
 
 def _garbled(data: bytes, source: random.Random) -> bytes:
@@ -307,7 +304,7 @@ def open_trace(path: Path, *, boot_id: str | None = None) -> TextIO:
     if not before.startswith(first):
         path.write_text(first, encoding="utf-8")
         before = first
-    trace = path.open("a", encoding="utf-8")
+    trace = path.open("a", buffering=1, encoding="utf-8")
     if not before.endswith("\n"):
         trace.write("\n")  # a kill has torn the last line
     return trace

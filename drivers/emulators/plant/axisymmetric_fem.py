@@ -106,8 +106,9 @@ class GelSolver:
         self._friction = friction
         self._tip_z_m = 0.0
         self.springs: Springs | None = None
-        self._operator, measure = _strain_operator(mesh)
-        self.weights = measure * mesh.stiffness[:, None]
+        self._operator = gradient_operator(mesh, _ALONG, _AROUND)
+        _, _, radius, area = mesh.at_quadrature()
+        self.weights = 2.0 * np.pi * radius * area * mesh.stiffness[:, None]
         self._dofs, self._edge_dofs = dofs_of(mesh.elements, 2), dofs_of(mesh.top_edges, 2)
         self.edge_shape, self.edge_weights = mesh.at_surface_quadrature()
         self._clamped = np.union1d(dofs_of(mesh.base_nodes[:, None], 2), 2 * mesh.axis_nodes)
@@ -150,7 +151,7 @@ class GelSolver:
 
     def deformation(self, u: FloatArray) -> FloatArray:
         """Return the deformation gradients at the quadrature points, [element, point, 9]."""
-        strain = np.matmul(self._operator, u[self._dofs][:, :, None])[..., 0]
+        strain = np.matmul(_flat(self._operator), u[self._dofs][:, :, None])
         return np.asarray(strain.reshape(*self.weights.shape, 9) + np.eye(3).ravel())
 
     def _gripped(self, u: FloatArray, grip: Grip | None) -> tuple[FloatArray, Grip]:
@@ -235,13 +236,9 @@ class GelSolver:
     def _elastic(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the elements' forces [element, 18] and stiffness [element, 18, 18]."""
         stress, tangent = self.law.linearised(self.deformation(u))
-        count, points = self.weights.shape
-        stress = (stress * self.weights[..., None]).reshape(count, 9 * points, 1)
-        operator = self._operator.reshape(count, points, 9, 18)
-        scaled = np.matmul(tangent * self.weights[..., None, None], operator)
-        transposed = np.swapaxes(self._operator, 1, 2)
-        stiffness = np.matmul(transposed, scaled.reshape(self._operator.shape))
-        return np.matmul(transposed, stress)[..., 0], stiffness
+        weighted = (stress * self.weights[..., None]).reshape(len(stress), -1, 1)
+        force = np.matmul(np.swapaxes(_flat(self._operator), 1, 2), weighted)[..., 0]
+        return force, _stiffness(self._operator, tangent, self.weights)
 
 
 def solved(matrix: csc_matrix, load: FloatArray, free: Int64Array) -> FloatArray:
@@ -276,16 +273,32 @@ def assembled_matrix(blocks: Sequence[tuple[Int64Array, FloatArray]], size: int)
     return coo_matrix((values, places), shape=(size, size)).tocsc()
 
 
-def _strain_operator(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:
-    """Return d(deformation gradient)/d(dofs) [1/m] and 2 pi r dA [m^3] at 3 x 3 Gauss points."""
-    shape, derivative, radius, area = mesh.at_quadrature()
-    operator = np.zeros((*radius.shape, 9, 9, 2))
-    operator[:, :, 0, :, 0] = operator[:, :, 6, :, 1] = derivative[:, :, 0]
-    operator[:, :, 2, :, 0] = operator[:, :, 8, :, 1] = derivative[:, :, 1]
-    operator[:, :, 4, :, 0] = shape / radius[..., None]
-    return operator.reshape(len(operator), 81, 18), 2.0 * np.pi * radius * area
+def gradient_operator(mesh: QuadMesh, along: FloatArray, around: FloatArray) -> FloatArray:
+    """Return d(deformation gradient)/d(dofs of the nodes) [1/m], [element, point, 9, dofs].
+
+    Args:
+        along: Motion along r, the angle and z by the dofs of a node, shape [3, dofs].
+        around: Its change around the axis, likewise.
+    """
+    shape, derivative, radius, _ = mesh.at_quadrature()
+    slopes = np.insert(derivative, 1, shape / radius[..., None], axis=2)
+    operator = np.einsum("epjn,jia->epijna", slopes, np.stack([along, around, along]))
+    return np.asarray(operator.reshape(*radius.shape, 9, -1))
 
 
+def _stiffness(operator: FloatArray, tangent: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the elements' stiffness, [element, dofs, dofs]."""
+    scaled = np.matmul(tangent * weights[..., None, None], operator)
+    return np.asarray(np.matmul(np.swapaxes(_flat(operator), 1, 2), _flat(scaled)))
+
+
+def _flat(values: FloatArray) -> FloatArray:
+    return values.reshape(len(values), -1, values.shape[-1])
+
+
+_ALONG = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+_AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+"""Of a motion (r, z) that is alike all around."""
 STICK_PER_M = 5e5
 """Times Young's modulus: what sticks creeps by tenths of a micrometre."""
 
@@ -350,7 +363,8 @@ class Springs:
 
 
 _MOTION = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-"""From (a, s, c) to motion along r, the angle and z."""
+_MOTION_AROUND = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
+"""Of (a, s, c): along r and z as the cosine of the angle, along the angle as its sine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -379,7 +393,11 @@ def tilt_response(solver: GelSolver, pressed: Equilibrium) -> TiltResponse:
     edges = np.einsum("eq,qi,qj,eqab->eiajb", weights, shape, shape, block)
     pushed = (np.einsum("eqxy,eqy->eqx", springs, turned) - force_turned) @ _MOTION
     load = assembled(edge_dofs, np.einsum("eq,qi,eqa->eia", weights, shape, pushed), count)
-    stiffness = ((gel_dofs, _gel_stiffness(solver, u)), (edge_dofs, edges))
+    _, tangent = solver.law.linearised(solver.deformation(u))
+    operator = gradient_operator(mesh, _MOTION, _MOTION_AROUND)
+    # The mean of a squared cosine around the axis is a half.
+    inside = _stiffness(operator, tangent, 0.5 * solver.weights)
+    stiffness = ((gel_dofs, inside), (edge_dofs, edges))
     held = np.concatenate(
         [dofs_of(mesh.base_nodes[:, None], 3).ravel(), *(3 * mesh.axis_nodes + i for i in (1, 2))]
     )
@@ -394,32 +412,6 @@ def tilt_response(solver: GelSolver, pressed: Equilibrium) -> TiltResponse:
         moment=-float(np.sum(weights * about)),
         side_force=float(np.sum(weights * side)),
     )
-
-
-def _gel_stiffness(solver: GelSolver, u: FloatArray) -> FloatArray:
-    """Return the elements' stiffness, [element_count, 27, 27]."""
-    operator = _mode_operator(solver.mesh)
-    _, tangent = solver.law.linearised(solver.deformation(u))
-    # The mean of a squared cosine around the axis is a half.
-    weighted = np.matmul(tangent * (0.5 * solver.weights)[..., None, None], operator)
-    flat = operator.reshape(len(operator), -1, operator.shape[-1])
-    return np.asarray(np.matmul(np.swapaxes(flat, 1, 2), weighted.reshape(flat.shape)))
-
-
-def _mode_operator(mesh: QuadMesh) -> FloatArray:
-    """Return d(gradient)/d(a, s, c of the nodes) [1/m], [element, point, 9, 27]."""
-    value, derivative, radius, _ = mesh.at_quadrature()
-    operator = np.zeros((*radius.shape, 9, 9, 3))
-    along_r, along_z = derivative[..., 0, :], derivative[..., 1, :]
-    around = value / radius[..., None]
-    a, s, c = range(3)
-    operator[:, :, 0, :, a] = operator[:, :, 6, :, c] = along_r
-    operator[:, :, 2, :, a] = operator[:, :, 8, :, c] = along_z
-    operator[:, :, 4, :, s] = around
-    operator[:, :, 1, :, s] = operator[:, :, 7, :, c] = -around
-    operator[:, :, 3, :, s], operator[:, :, 3, :, a] = along_r, -along_r
-    operator[:, :, 5, :, s], operator[:, :, 5, :, a] = along_z, -along_z
-    return operator.reshape(*operator.shape[:3], 27)
 
 
 def _surface_springs(solver: GelSolver, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ slopes: a calibration has to find out for itself.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -121,10 +122,7 @@ class GelCamera:
         self._factor = _rendering_factor(unit, size)
         view = self._view = view_of(truth, size, self._factor)
         self._x, self._y = view.gel_points()
-        self._lights = [
-            _Light(i, truth.light_gain[i], unit, self._x, self._y)
-            for i in range(len(_LIGHT_AZIMUTH))
-        ]
+        self._lights = _Lights(truth.light_gain, unit, self._x, self._y)
         texture = gel_texture(view.width, view.height, seed=truth.seed)
         edge_m = 0.495 * max(unit.pad_size_m)
         vignette = 1.0 - 0.12 * (self._x * self._x + self._y * self._y) / edge_m**2
@@ -197,39 +195,29 @@ class GelCamera:
         rows, columns = region
         x, y = self._x[region], self._y[region]
         linear = np.empty((*x.shape, 3), np.float32)
-        # The share of each light that dents leave, None where they leave all of it.
-        shown: list[Float32Array | None] = [None] * len(self._lights)
+        # What dents leave of each light.
+        shares = np.broadcast_to(np.float32(1.0), (len(_LIGHT_AZIMUTH), *x.shape))
         if relief is not None and self._unit.shadows:
-            shown = [
-                visible_share(relief, x, y, tuple(part[region] for part in light.toward))
-                for light in self._lights
-            ]
+            toward = self._lights.toward[(..., *region)]
+            shares = np.stack([visible_share(relief, x, y, each) for each in toward])
         for band in _bands(linear):
             part = slice(rows.start + band.start, rows.start + band.stop), columns
             shade = self._shade[part] * gain[band]
             if self._unit.light is GelLight.TRANSLUCENT:
                 linear[band] = (scattered_light(relief, x[band], y[band]) * shade)[..., None]
             else:
-                shares = [None if share is None else share[band] for share in shown]
-                linear[band] = self._coloured(relief, part, shade, shares)
+                linear[band] = self._coloured(relief, part, shade, shares[:, band])
         return linear
 
     def _coloured(
-        self,
-        relief: Relief | None,
-        part: Region,
-        shade: Float32Array,
-        shares: list[Float32Array | None],
+        self, relief: Relief | None, part: Region, shade: Float32Array, shares: Float32Array
     ) -> Float32Array:
         x, y = self._x[part], self._y[part]
         slope_x, slope_y, crease = self._slopes(relief, x, y)
         steepness = slope_x * slope_x + slope_y * slope_y
         inverse: Float32Array = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
         normal = (-slope_x * inverse, -slope_y * inverse, inverse)
-        colours = [
-            light.shaded(part, normal, crease, share) * shade
-            for light, share in zip(self._lights, shares, strict=True)
-        ]
+        colours = list(self._lights.shaded(part, normal, crease, shares) * shade)
         return np.asarray(cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING), np.float32)
 
     def _slopes(
@@ -253,62 +241,63 @@ class GelCamera:
         )
 
 
-class _Light:
-    """One coloured bar of lights, as each pixel sees it."""
+class _Lights:
+    """The coloured bars of lights, as each pixel sees them.
+
+    Attributes:
+        toward: Unit vectors from the gel to the lights, shape [light, 3, height, width].
+    """
 
     def __init__(
-        self, index: int, gain: float, unit: EmulatedUnit, x: Float32Array, y: Float32Array
+        self, gains: Sequence[float], unit: EmulatedUnit, x: Float32Array, y: Float32Array
     ) -> None:
-        azimuth = float(_LIGHT_AZIMUTH[index])
         away_m = _LIGHT_DISTANCE * max(unit.pad_size_m)
         share = _SHADOW_LIGHT_HEIGHT if unit.shadows else _LIGHT_HEIGHT
-        height_m = share * unit.gel.thickness_m
-        to_x = np.float32(away_m * np.cos(azimuth)) - x
-        to_y = np.float32(away_m * np.sin(azimuth)) - y
-        distance: Float32Array = np.sqrt(to_x * to_x + to_y * to_y + np.float32(height_m) ** 2)
+        height_m = np.float32(share * unit.gel.thickness_m)
+        to_x = _of_each(away_m * np.cos(_LIGHT_AZIMUTH)) - x
+        to_y = _of_each(away_m * np.sin(_LIGHT_AZIMUTH)) - y
+        distance: Float32Array = np.sqrt(to_x * to_x + to_y * to_y + height_m**2)
         near = (away_m / distance) ** np.float32(_FALLOFF)
-        # Unit vectors from the gel to the light, by component.
-        self.toward: tuple[Float32Array, ...] = (
-            to_x / distance,
-            to_y / distance,
-            np.float32(height_m) / distance,
-        )
-        x_half, y_half, z_half = *self.toward[:2], self.toward[2] + np.float32(1.0)
-        length: Float32Array = np.sqrt(x_half * x_half + y_half * y_half + z_half * z_half)
-        self._half: tuple[Float32Array, ...] = (x_half / length, y_half / length, z_half / length)
-        self._direct = (near * np.float32(gain * _DIRECT[index])).astype(np.float32)
-        self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
-        self._scattered = (np.sqrt(near) * np.float32(gain * _SCATTERED[index])).astype(np.float32)
+        self.toward = np.stack([to_x, to_y, np.broadcast_to(height_m, to_x.shape)], axis=1)
+        self.toward /= distance[:, None]
+        half = self.toward + _of_each(np.array([0.0, 0.0, 1.0]))
+        length = np.sqrt(_dot(half, list(np.moveaxis(half, 1, 0))))
+        self._half = np.asarray(half / length[:, None], np.float32)
+        self._direct = near * _of_each(np.multiply(gains, _DIRECT))
+        self._shine = near * _of_each(np.multiply(gains, _HIGHLIGHT))
+        self._scattered = np.sqrt(near) * _of_each(np.multiply(gains, _SCATTERED))
 
     def shaded(
         self,
         region: Region,
-        normal: tuple[Float32Array, ...],
+        normal: Sequence[Float32Array],
         crease: Float32Array,
-        share: Float32Array | None,
+        shares: Float32Array,
     ) -> Float32Array:
-        """Return the light that reaches the camera from each pixel of ``region``.
+        """Return the light that reaches the camera from each pixel of ``region``, [light, ...].
 
         Args:
             normal: Of the gel, by component.
-            share: Of the light that is not hidden; None is all of it.
+            shares: Of each light that is not hidden.
         """
-        cosine = _dot(self.toward, normal, region)
+        part = (..., *region)
+        cosine = _dot(self.toward[part], normal)
         lit = 0.5 * (cosine + np.sqrt(cosine * cosine + np.float32(_TERMINATOR**2)))
-        shine = np.maximum(_dot(self._half, normal, region), 0.0)
+        shine = np.maximum(_dot(self._half[part], normal), 0.0)
         for _ in range(4):
             shine = shine * shine
-        direct: Float32Array = self._direct[region] * lit + self._shine[region] * shine
-        if share is not None:
-            direct = direct * share
-        light: Float32Array = direct + self._scattered[region] * (1.0 + crease)
+        direct = self._direct[part] * lit + self._shine[part] * shine
+        light: Float32Array = direct * shares + self._scattered[part] * (1.0 + crease)
         return light
 
 
-def _dot(
-    vectors: tuple[Float32Array, ...], normal: tuple[Float32Array, ...], region: Region
-) -> Float32Array:
-    x, y, z = (part[region] for part in vectors)
+def _of_each(values: FloatArray) -> Float32Array:
+    """Return numbers to go with arrays of [light, height, width]."""
+    return values.astype(np.float32)[:, None, None]
+
+
+def _dot(vectors: Float32Array, normal: Sequence[Float32Array]) -> Float32Array:
+    x, y, z = np.moveaxis(vectors, 1, 0)
     dot: Float32Array = x * normal[0] + y * normal[1] + z * normal[2]
     return dot
 

@@ -114,7 +114,7 @@ class Plant:
         depth = self.depth(pose)
         duration_s = 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
-        normal = self._relaxation.advance(self.relaxed_force(depth), duration_s)
+        normal = self._relaxation.advance(self.relaxed(depth)[0], duration_s)
         if normal <= 0.0:
             return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         tilt_x, tilt_y = self.tilt(pose)
@@ -130,11 +130,11 @@ class Plant:
     def _against_tilt(self, depth: float, normal: float) -> tuple[float, float]:
         """Return side force [N] and moment about the tip [N m] of a tilt of one radian."""
         table, inside = self.table, self._even_depth(depth)
+        relaxed, stiffness = self.relaxed(depth)
         if not len(table.moment):
             # Of a half-space under a disc: a tilt presses harder on the lower side.
             radius = float(np.interp(inside, table.depths, table.contact_radius))
-            return normal, 2.0 / 3.0 * radius**2 * self.tangent_stiffness(depth)
-        relaxed = self.relaxed_force(depth)
+            return normal, 2.0 / 3.0 * radius**2 * stiffness
         scale = self.truth.young_pa * (normal / relaxed if relaxed > 0.0 else 0.0)
         found = (np.interp(inside, table.depths, of) for of in (table.side_force, table.moment))
         side, moment = (scale * float(each) for each in found)
@@ -168,25 +168,16 @@ class Plant:
         axis = rotated((0.0, 0.0, 1.0), pose.rotation_vector)
         return (-axis[0] + self.truth.tilt_rad[0], -axis[1] + self.truth.tilt_rad[1])
 
-    def relaxed_force(self, depth: float) -> float:
-        """Return the long-term force at ``depth`` [m], [N]."""
-        depth = self._even_depth(depth)
-        if depth <= 0.0:
-            return 0.0
-        last = float(self.table.depths[-1])
-        inside = min(depth, last)
-        beyond = depth - inside
-        force, slope = self.table.at(inside)
-        force += slope * beyond * (1.0 + 0.5 * beyond / _STIFFENING_M)
-        return max(0.0, force * self.truth.young_pa)
-
-    def tangent_stiffness(self, depth: float) -> float:
-        """Return dF/d(depth) of the relaxed force [N/m]."""
+    def relaxed(self, depth: float) -> tuple[float, float]:
+        """Return the long-term force at ``depth`` [m], [N], and its slope over the depth [N/m]."""
         depth = self._even_depth(depth)
         inside = min(max(depth, 0.0), float(self.table.depths[-1]))
-        beyond = max(0.0, depth - inside)
-        slope = self.table.at(inside)[1] * (1.0 + beyond / _STIFFENING_M)
-        return slope * self.truth.young_pa
+        beyond = max(depth, 0.0) - inside
+        force, slope = self.table.at(inside)
+        force += slope * beyond * (1.0 + 0.5 * beyond / _STIFFENING_M)
+        slope *= 1.0 + beyond / _STIFFENING_M
+        young_pa = self.truth.young_pa
+        return max(0.0, force * young_pa) if depth > 0.0 else 0.0, slope * young_pa
 
     def light_gain(self, elapsed_s: float) -> float:
         """Return the gain of the lights when they have been on for ``elapsed_s`` [s]."""

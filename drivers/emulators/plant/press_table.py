@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import hashlib
+import io
 import logging
 import os
 import zipfile
@@ -20,7 +21,8 @@ import numpy as np
 from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.truth import FRICTION, CylinderTip, GelDisc, Tip
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError, RecordError
+from tacauchy_rig.core.store.atomic_write import write_atomically
 
 if TYPE_CHECKING:
     from drivers.emulators.plant.axisymmetric_fem import Equilibrium, GelSolver
@@ -132,14 +134,12 @@ class PressTable:
 
     def save(self, path: Path) -> None:
         """Write the table so that readers never see half of it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fresh = path.with_name(f".{os.getpid()}-{path.name}")
         content = asdict(self)
         content["displacement"] = self.displacement.astype(np.float32)
         content[_TILT_KEY] = content.pop("tilt_displacement").astype(np.float32)
-        with fresh.open("wb") as file:
-            np.savez_compressed(file, **content)
-        fresh.replace(path)
+        packed = io.BytesIO()
+        np.savez_compressed(packed, **content)
+        write_atomically(path, packed.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> PressTable:
@@ -171,7 +171,7 @@ def press_table(case: PressCase) -> PressTable:
     table = compute_table(case)
     try:
         table.save(cached)
-    except OSError as error:
+    except RecordError as error:
         log.warning("press table %s could not be kept: %s", cached, error)
     return table
 

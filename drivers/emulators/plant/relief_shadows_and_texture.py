@@ -87,18 +87,17 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
     end = int(changed[-1]) + 2 if changed.size else 2
     reach = end * STEP_M
     fade = np.clip((reach - radius[:end]) / (0.1 * reach), 0.0, 1.0)
-    return Relief(
-        centre=profile.centre,
-        tilt=profile.tilt,
-        reach_m=reach,
-        slope=_ending_in_zero(extra[:end] * fade),
-        curvature=_ending_in_zero(curvature[:end] * fade),
-        inside=_ending_in_zero(inside[:end]),
-        bulge=_ending_in_zero((height - 0.5 * radius**2 / dome_radius_m)[:end] * fade),
-        leaning=_ending_in_zero(leaning[:end]),
-        tilt_rise=_ending_in_zero(tilt_rise[:end] * fade),
-        tilt_slope=_ending_in_zero(tilt_slope[:end] * fade),
-    )
+    fading = {
+        "slope": extra,
+        "curvature": curvature,
+        "bulge": height - 0.5 * radius**2 / dome_radius_m,
+        "tilt_rise": tilt_rise,
+        "tilt_slope": tilt_slope,
+    }
+    tables = {name: values[:end] * fade for name, values in fading.items()}
+    tables |= {"inside": inside[:end], "leaning": leaning[:end]}
+    ended = {name: np.append(each, 0.0).astype(np.float32) for name, each in tables.items()}
+    return Relief(centre=profile.centre, tilt=profile.tilt, reach_m=reach, **ended)
 
 
 def _smoothed_slope(
@@ -111,10 +110,6 @@ def _smoothed_slope(
     return np.gradient(smooth, STEP_M)
 
 
-def _ending_in_zero(values: FloatArray) -> Float32Array:
-    return np.append(values, 0.0).astype(np.float32)
-
-
 _STRIDE = 2  # of pixels: shadows are soft
 _LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as they grow longer
 # Each is half the spread farther than the one before: else a wall's shadow ends early, in steps.
@@ -122,13 +117,13 @@ _SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 7.2e-3, 102))
 
 
 def visible_share(
-    relief: Relief, x: Float32Array, y: Float32Array, toward: tuple[Float32Array, ...]
+    relief: Relief, x: Float32Array, y: Float32Array, toward: Float32Array
 ) -> Float32Array:
     """Return how much of a light each point of the gel sees, 0 to 1.
 
     Args:
         x, y: Points of the gel, one a pixel [m], shape [height, width].
-        toward: Unit vectors to the light, third component away from the gel, each like ``x``.
+        toward: Unit vectors to the light, third component away from the gel, [3, height, width].
     """
     size = x.shape[::-1]
     coarse = tuple(-(-count // _STRIDE) for count in size)

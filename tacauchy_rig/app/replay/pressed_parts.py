@@ -289,20 +289,10 @@ def _fitted(files: Sequence[_PartFiles]) -> list[_PartFiles]:
     return [known[k] for k in some_of_each([own.part for own in known])]
 
 
-<<<<<<< HEAD
 def _press_stated(lacking: Sequence[_PartFiles], jobs: int, left: Remaining) -> None:
     """Press the gel with the stated modulus at each place, and keep its curve."""
     parts = [own.part for own in lacking]
-    work = parallel_map(stated_history, parts, jobs=jobs, new_process_each=False)
-=======
-def _press_stated(
-    parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining
-) -> None:
-    """Press the gel with the stated modulus at each place where that is not on disk."""
-    pairs = zip(parts, files, strict=True)
-    lacking = {k: part for k, (part, own) in enumerate(pairs) if part.forces_n and not own.stated()}
-    work = parallel_map(stated_history, list(lacking.values()), jobs=jobs)
->>>>>>> rc
+    work = parallel_map(stated_history, parts, jobs=jobs)
     with doing("pressing the gel of the stated modulus") as tell:
         for number, (own, (_, history)) in enumerate(zip(lacking, work, strict=True), start=1):
             own.keep_stated(history)

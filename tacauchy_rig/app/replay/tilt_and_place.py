@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.frames_and_curves import AttemptReading
 from reports.evidence.modulus_and_tilt_fit import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.scores.contact_scores import image_change, register_changes, touched_by
+from reports.scores.contact_scores import image_change, register_changes, touched
 from sim.effects.effect_choice import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt_sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
@@ -194,7 +194,7 @@ def find_offset(
         if seen is None or simulated is None:
             continue
         real, made = (image_change(each, seen.reference) for each in (seen.real, simulated))
-        contact = touched_by(real)
+        contact = touched(seen)
         shift = None if contact is None else register_changes(real, made, contact.region)
         if shift is not None:
             shifts.append(np.array(shift) * scale_m)

@@ -326,7 +326,7 @@ def test_a_killed_controller_is_noticed(emulate_ur: Callable[..., Any]) -> None:
         robot.process.process.kill()
         found = client.line()
     assert "the connection broke" in found["message"]
-    state = SharedWorld.open(robot.folder / WORLD_FILE).read()
+    state = SharedWorld(robot.folder / WORLD_FILE).read()
     assert state.pose.position[2] < 0.2
 
 

@@ -15,7 +15,6 @@ from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose
 
-_STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _number = st.floats(allow_nan=False, allow_infinity=False)
 _vector = st.tuples(_number, _number, _number)
 
@@ -25,7 +24,7 @@ from pathlib import Path
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.run import Pose
 
-world = SharedWorld.open(Path(sys.argv[1]))
+world = SharedWorld(Path(sys.argv[1]))
 print("ready", flush=True)
 count = 0
 while True:
@@ -43,9 +42,9 @@ def test_any_state_survives_the_file(
     stamp_ns: int,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    """A reader that mapped the file by itself sees the newest state: any finite pose and stamp."""
+    """A reader that opened the file by itself sees the newest state: any finite pose and stamp."""
     path = tmp_path_factory.getbasetemp() / "any-state.bin"
-    with closing(SharedWorld.create(path)) as writer, closing(SharedWorld.open(path)) as reader:
+    with closing(SharedWorld.create(path)) as writer, closing(SharedWorld(path)) as reader:
         before = reader.read().sequence
         pose = Pose(position=position, rotation_vector=rotation)
         writer.publish(pose, stamp_ns)
@@ -77,22 +76,19 @@ def test_no_state_is_torn_and_a_killed_writer_leaves_one(tmp_path: Path) -> None
     assert reader.read().sequence == last.sequence + 1
 
 
-def test_damaged_current_slot_falls_back(tmp_path: Path) -> None:
-    """A slot that was damaged is passed over for the one before."""
+def test_a_damaged_state_is_refused(tmp_path: Path) -> None:
+    """A file that was damaged is named, with what to do, and no pose is made of it."""
     path = tmp_path / WORLD_FILE
-    world = SharedWorld.create(path)
-    for stamp_ns in (1, 2):
-        world.publish(Pose(position=_STILL[:3], rotation_vector=_STILL[3:]), stamp_ns)
-    data = bytearray(path.read_bytes())
-    data[40] ^= 0xFF  # the second state lies in the first slot
-    path.write_bytes(data)
-    assert SharedWorld.open(path).read().stamp_ns == 1
+    SharedWorld.create(path).close()
+    path.write_bytes(path.read_bytes()[::-1])
+    with pytest.raises(DeviceError, match="the file was damaged"):
+        SharedWorld(path).read()
 
 
 def test_refuses_another_file(tmp_path: Path) -> None:
     """An absent or foreign file is named, with what to do."""
     with pytest.raises(DeviceError, match=r"world.bin: absent"):
-        SharedWorld.open(tmp_path / WORLD_FILE)
+        SharedWorld(tmp_path / WORLD_FILE)
     (tmp_path / WORLD_FILE).write_text("something else")
     with pytest.raises(DeviceError, match="start the emulated devices"):
-        SharedWorld.open(tmp_path / WORLD_FILE)
+        SharedWorld(tmp_path / WORLD_FILE)

@@ -2,11 +2,13 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from reports.comparison.result_types import ValidationReport
+from reports.evidence.evidence_types import TrialImages
 from reports.scores.contact_scores import (
     contact_crop,
     contact_footprint,
@@ -20,11 +22,16 @@ from reports.scores.contact_scores import (
 )
 
 
+def scored(real: Any, simulated: Any, reference: Any, **scale: Any) -> Any:
+    """Score a contact of three images."""
+    return score_contact(TrialImages(real=real, reference=reference), simulated, **scale)
+
+
 def test_identical_contact(made: SimpleNamespace) -> None:
     """A perfect simulation scores 1, 0, 1, 0."""
     pressed = made.to_image(made.background() + made.contact_change(4.0))
     reference = made.to_image(made.background())
-    scores = score_contact(pressed, pressed, reference)
+    scores = scored(pressed, pressed, reference)
     assert scores.zncc == pytest.approx(1.0)
     assert scores.relative_residual == 0.0
     assert scores.mask_iou == 1.0
@@ -39,7 +46,7 @@ def test_half_the_amplitude_is_half_unexplained(made: SimpleNamespace) -> None:
     reference = made.to_image(made.background())
     real = made.to_image(made.background() + made.contact_change(4.0))
     weak = made.to_image(made.background() + made.contact_change(2.0))
-    scores = score_contact(real, weak, reference)
+    scores = scored(real, weak, reference)
     assert scores.relative_residual == pytest.approx(0.5, abs=0.02)
     assert scores.zncc > 0.99
     assert scores.mask_iou > 0.95
@@ -52,7 +59,7 @@ def test_distance_of_a_shifted_contact(made: SimpleNamespace, shift: tuple[float
     center = (160.0 + shift[0], 120.0 + shift[1])
     real = made.to_image(made.background() + made.contact_change(4.0, center_px=center))
     simulated = made.to_image(made.background() + made.contact_change(4.0))
-    scores = score_contact(real, simulated, reference, scale_mm_px=(0.06, 0.06))
+    scores = scored(real, simulated, reference, scale_mm_px=(0.06, 0.06))
     assert scores.centroid_error_px == pytest.approx(math.hypot(*shift), abs=0.4)
     assert scores.centroid_error_mm == pytest.approx(0.06 * math.hypot(*shift), abs=0.03)
 
@@ -61,7 +68,7 @@ def test_no_contact_leaves_everything_unexplained(made: SimpleNamespace) -> None
     """The no-contact frame in place of the simulation leaves the whole norm, overlap 0."""
     reference = made.to_image(made.background())
     real = made.to_image(made.background() + made.contact_change(4.0))
-    scores = score_contact(real, reference, reference)
+    scores = scored(real, reference, reference)
     assert scores.relative_residual == 1.0
     assert scores.mask_iou == 0.0
     assert math.isnan(scores.centroid_error_px)
@@ -76,8 +83,8 @@ def test_error_is_of_the_region_alone(made: SimpleNamespace) -> None:
     beside, inside = real.copy(), real.copy()
     beside[:10, :10] += np.uint8(9)
     inside[footprint] += np.uint8(3)
-    assert score_contact(real, beside, reference).error_levels == 0.0
-    error = score_contact(real, inside, reference).error_levels
+    assert scored(real, beside, reference).error_levels == 0.0
+    error = scored(real, inside, reference).error_levels
     assert 1.5 < error < 3.0  # of the footprint 3, of the margin around it nothing
     assert rows.stop - rows.start == columns.stop - columns.start
     assert footprint[rows, columns].sum() == footprint.sum()
@@ -101,7 +108,7 @@ def test_noise_is_no_contact(made: SimpleNamespace) -> None:
     reference = made.to_image(made.background())
     noisy = made.to_image(1.03 * made.background() + rng.normal(0, 2, reference.shape))
     assert contact_footprint(image_change(noisy, reference)) is None
-    assert score_contact(noisy, reference, reference) is None
+    assert scored(noisy, reference, reference) is None
 
 
 def test_footprint_survives_noise_and_light(made: SimpleNamespace) -> None:
@@ -125,7 +132,7 @@ def test_region_comes_from_the_real_image(made: SimpleNamespace) -> None:
     elsewhere = made.to_image(
         made.background() + made.contact_change(4.0, center_px=(240.0, 120.0))
     )
-    scores = score_contact(real, elsewhere, reference)
+    scores = scored(real, elsewhere, reference)
     assert scores.relative_residual > 0.9
     assert abs(scores.zncc) < 0.3
 
@@ -189,4 +196,4 @@ def test_light_fit_does_not_look_into_the_contact(made: SimpleNamespace) -> None
 def test_nothing_is_corrected_without_a_contact(made: SimpleNamespace) -> None:
     """No contact in the real image, no correction."""
     reference = made.to_image(made.background())
-    assert correct(reference, reference, reference) is None
+    assert correct(TrialImages(real=reference, reference=reference), reference) is None

@@ -11,8 +11,6 @@ from skimage.metrics import structural_similarity
 from reports.scores.confidence_interval import t_interval
 from reports.scores.image_metrics import (
     histogram_correlation,
-    mean_squared_error,
-    normalized_cross_correlation,
     psnr_of,
     psnr_of_mean_mse,
     score,
@@ -83,8 +81,8 @@ def test_ncc_ignores_gain_and_offset(gain: float, offset: float) -> None:
 
 def test_ncc_of_a_negative_and_of_a_flat_image() -> None:
     """An inverted image correlates by -1; with a flat one no correlation exists."""
-    assert normalized_cross_correlation(IMAGE, 255 - IMAGE) == pytest.approx(-1.0, abs=1e-12)
-    assert math.isnan(normalized_cross_correlation(IMAGE, np.full_like(IMAGE, 90)))
+    assert score(IMAGE, 255 - IMAGE).ncc == pytest.approx(-1.0, abs=1e-12)
+    assert math.isnan(score(IMAGE, np.full_like(IMAGE, 90)).ncc)
 
 
 def test_identical_images() -> None:
@@ -96,9 +94,9 @@ def test_identical_images() -> None:
 
 def test_squares_do_not_wrap() -> None:
     """The squared error of 0 against 255 is 65025, not what 8 bits leave of it."""
-    black, white = np.zeros((4, 4), np.uint8), np.full((4, 4), 255, np.uint8)
-    assert mean_squared_error(black, white) == 65025.0
-    assert psnr_of(65025.0) == 0.0
+    black, white = np.zeros((16, 16), np.uint8), np.full((16, 16), 255, np.uint8)
+    assert score(black, white).mse == 65025.0
+    assert score(black, white).psnr_db == 0.0
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ def drawn_dwells(seed: int, tilt_rad: tuple[float, float], config: RigConfig) ->
 
 
 def _depth_at(plant: Plant, force_n: float) -> float:
-    return float(brentq(lambda d: plant.relaxed_force(d) - force_n, -1e-4, _DEEPEST_M))
+    return float(brentq(lambda d: plant.relaxed(d)[0] - force_n, -1e-4, _DEEPEST_M))
 
 
 def _dwell(

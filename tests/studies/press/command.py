@@ -59,7 +59,7 @@ def judged(seed: int, *, aged: bool) -> Judged:
 def _seen(truth: PlantTruth, random: np.random.Generator) -> PressMeasures:
     plant = Plant(truth, CylinderTip(diameter_m=5e-3))
     tried_m = np.linspace(0.0, 0.9e-3, 400)
-    forces_n = np.array([plant.relaxed_force(float(each)) for each in tried_m])
+    forces_n = np.array([plant.relaxed(float(each))[0] for each in tried_m])
     deepest_m = float(np.interp(TARGET_N, forces_n, tried_m))
     depth_m = np.linspace(0.0, deepest_m, _SAMPLES)
     force_n = np.interp(depth_m, tried_m, forces_n)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from reports.evidence.evidence_types import TrialImages
 from sim.optics.markers.marker_tracking import find_markers
 from sim.optics.markers.simulated_markers import draw_markers, marker_places
 from sim.replay import reference_path, replay_forces
@@ -261,8 +262,7 @@ def _attempts(shift_px: float) -> list[SimpleNamespace]:
         dark = 60.0 / (1.0 + np.exp(far / 3.0))
         return np.repeat(np.rint(160.0 - dark)[..., None], 3, axis=2).astype(np.uint8)
 
-    reference = np.full((240, 320, 3), 160, np.uint8)
-    seen = SimpleNamespace(real=disc(shift_px), reference=reference)
+    seen = TrialImages(real=disc(shift_px), reference=np.full((240, 320, 3), 160, np.uint8))
     return [
         SimpleNamespace(record=SimpleNamespace(index=k), images=seen, made=disc(0.0))
         for k in (1, 2, 3)
