@@ -114,8 +114,8 @@ class Study:
         raise NotImplementedError
 
     def line(self, result: Result) -> str:
-        """Return what is said of a result as soon as it is there."""
-        return result.failure or f"done after {result.wall_s:.1f} s"
+        """Return what is said of a result without a failure as soon as it is there."""
+        return f"done after {result.wall_s:.1f} s"
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return what the JSON holds beside the results themselves."""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,8 +61,7 @@ def _number_of(text: str | None, field: str) -> float:
     return value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Circle:
+class Circle(NamedTuple):
     """Edge of a contact in the image [px]; pixel (0, 0) is the centre of the first pixel."""
 
     x_px: float
@@ -71,10 +71,6 @@ class Circle:
     def distance(self, columns: AnyArray | float, rows: AnyArray | float) -> FloatArray:
         """Return how far pixels lie from its centre [px], in the shape of both together."""
         return np.asarray(np.hypot(columns - self.x_px, rows - self.y_px), dtype=np.float64)
-
-    def moved_from(self, other: Circle) -> tuple[float, float, float]:
-        """Return by how much column, row and radius are more than another's [px]."""
-        return self.x_px - other.x_px, self.y_px - other.y_px, self.radius_px - other.radius_px
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

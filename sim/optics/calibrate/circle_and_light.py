@@ -250,8 +250,7 @@ class PressScene:
 
     def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
         """Move a circle to where the model explains the image best; its label pulls weakly."""
-        circle = placed.press.circle
-        label = np.array([circle.x_px, circle.y_px, circle.radius_px])
+        label = np.array(placed.press.circle)
         rows, columns = self.pixels_around(placed.press)
         expected = self.expected(rows, columns, placed.light)
         seen = seen_change(placed.press.image[rows, columns], expected)
@@ -264,7 +263,7 @@ class PressScene:
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
-        start = np.array(placed.circle.moved_from(circle)) + _SEARCH_PX
+        start = np.array(placed.circle) - label + _SEARCH_PX
         found = least_squares(residual, start, **_SEARCH)
         return _circle(label + found.x - _SEARCH_PX)
 

@@ -127,7 +127,7 @@ def check_scores(
     labelled: Sequence[RenderedPress], nudged: Sequence[RenderedPress], scene: PressScene
 ) -> CheckScores:
     """Score presses that a calibration has not seen, in the scene as it was taken."""
-    moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
+    moves = np.subtract([item.circle for item in nudged], [item.circle for item in labelled])
     return CheckScores(
         **asdict(score_presses(nudged, scene, light_matched=True)),
         as_labelled=score_presses(labelled, scene, light_matched=True),
@@ -135,7 +135,7 @@ def check_scores(
         light_rms_levels=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
         light_drift_levels=_light_drift(nudged),
         camera_moved_px=_camera_moved(nudged, scene),
-        nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
+        nudge_rms_px=float(np.sqrt(np.mean(moves**2))),
         markers=marker_scores(nudged, scene.geometry.mean_scale_m),
     )
 
@@ -384,7 +384,7 @@ def check_after(
     ]
     for item in held_out:
         label, found = item.press.circle, item.circle
-        move = max(map(abs, found.moved_from(label)))
+        move = np.abs(np.subtract(found, label)).max()
         if move > _FAR_NUDGE * label.radius_px:
             warnings.append(
                 f"{item.press.name}: the image wants its circle {move:.0f} px off the label "

@@ -66,7 +66,11 @@ def _draw_panel(
         ((ElementOrder.P1, False), "s", ORANGE, "linear (P1)"),
         ((ElementOrder.P2, True), "D", GREEN, "quadratic, corrected"),
     ):
-        chosen = [row for row in known if _kind(row.configuration) == kind]
+        chosen = [
+            row
+            for row in known
+            if (row.configuration.element, row.configuration.is_corrected) == kind
+        ]
         if not chosen:
             continue
         tall = [sizes[row.configuration.name] for row in chosen]
@@ -99,10 +103,6 @@ def _draw_panel(
         axes.set(xlim=(left / _LEFT, right * _RIGHT), xlabel="Set-up and solve (s)")
         axes.set_ylabel("Relative error")
         axes.legend(loc="upper right")
-
-
-def _kind(configuration: reference_errors.Configuration) -> tuple[ElementOrder, bool]:
-    return configuration.element, configuration.is_corrected
 
 
 def _write_labels(
@@ -194,8 +194,6 @@ class Accuracy(Study):
 
     def line(self, result: Result) -> str:
         """Return the error of F_z, or whether a tolerance was kept."""
-        if result.failure:
-            return result.failure
         if result.name.startswith(_TOLERANCE):
             return f"kept: {result.found['kept']}"
         row = _row(result.found["row"])
@@ -213,11 +211,7 @@ class Accuracy(Study):
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the first seed's study, the others beside it, and the tolerances."""
         rows, bars = self.rows(results, self.seeds[0])
-        tables = []
-        if rows:
-            found = next(each.found for each in results if each.found and "row" in each.found)
-            reference = found["reference"]["name"]
-            tables.append(study_table(rows, bars, scene=self._text, reference=reference))
+        tables = [study_table(rows, bars, scene=self._text)] if rows else []
         for seed in self.seeds[1:]:
             if others := self.rows(results, seed)[0]:
                 tables.append(seed_table(rows, others, bars, seed=seed))
@@ -273,13 +267,13 @@ def _measured(
 
 
 def study_table(
-    rows: Sequence[reference_errors.Row], bars: Mapping[str, float], *, scene: str, reference: str
+    rows: Sequence[reference_errors.Row], bars: Mapping[str, float], *, scene: str
 ) -> Table:
     """Return every configuration's errors and cost."""
     fast_s = next((row.time_s for row in rows if row.configuration.name == Preset.FAST), None)
     front = sum(row.on_front for row in rows)
     off = ", ".join(f"{name} {bar:.2%}" for name, bar in bars.items())
-    facts = {"scene": scene, "reference": reference, "bars": off}
+    facts = {"scene": scene, "reference": reference_errors.REFERENCE.name, "bars": off}
     wanted = {"rows_wanted": ROWS_WANTED, "front_wanted": FRONT_WANTED}
 
     def percent(row: reference_errors.Row, quantity: str) -> float:

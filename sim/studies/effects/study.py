@@ -345,8 +345,6 @@ class Effects(Study):
 
     def line(self, result: Result) -> str:
         """Return the output that came nearest to its tolerance."""
-        if result.failure:
-            return f"not pressed: {result.failure}"
         check = result.found
         output, share = worst(check)
         return (

@@ -14,7 +14,7 @@ from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia
 from sim.studies.hard_cases import small_pads
-from sim.studies.hard_cases.small_pads import Measured, Outcome
+from sim.studies.hard_cases.small_pads import Measured
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
@@ -22,11 +22,9 @@ SLIP_M = 1e-7
 # IPC's default (Li et al. 2020): sticking is slower than 1e-3 of the scene's size a second.
 EPS_V_M_S = 1e-3 * 2.0 * small_pads.DISC.radius_m
 SPEED_M_S = 1e-3
-LIMIT_EXCESS = 1e-3
-TORQUE_KINK_SHARE = 0.05
 
 
-def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int = 5) -> Outcome:
+def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int = 5) -> Measured:
     """Drag a pressed ball to and fro in steps; hold it still in between.
 
     Creep is the motion along the indenter of points that stick, in one step.
@@ -39,26 +37,17 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     points = [path.advance(0.3e-3), *(path.carry(shift_m=(move, 0.0)) for move in moves)]
     steps = np.array([_drag_step(path, *pair) for pair in pairwise(points)])
     dragged = np.array(moves) != 0.0
-    excess = float(steps[:, 0].max())
-    creep, creep_held = float(steps[dragged, 1].max()), float(steps[~dragged, 2].max())
     shares = steps[dragged, 3].tolist()
-    allowed = EPS_V_M_S * step_m / SPEED_M_S
-    return Outcome(
-        passed=excess <= LIMIT_EXCESS
-        and max(creep, creep_held) < allowed
-        and min(shares) < 0.05
-        and max(shares) > 0.5,
-        measured={
-            "steps": len(moves),
-            "excess_over_friction_limit_relative": excess,
-            "creep_m": creep,
-            "creep_held_still_m": creep_held,
-            "eps_v_dt_m": allowed,
-            "stuck_share_min": min(shares),
-            "stuck_share_max": max(shares),
-            "newton_iterations": path.counts.newton_iterations,
-        },
-    )
+    return {
+        "steps": len(moves),
+        "excess_over_friction_limit_relative": float(steps[:, 0].max()),
+        "creep_m": float(steps[dragged, 1].max()),
+        "creep_held_still_m": float(steps[~dragged, 2].max()),
+        "eps_v_dt_m": EPS_V_M_S * step_m / SPEED_M_S,
+        "stuck_share_min": min(shares),
+        "stuck_share_max": max(shares),
+        "newton_iterations": path.counts.newton_iterations,
+    }
 
 
 def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> tuple[float, ...]:
@@ -94,7 +83,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
     return np.asarray(np.linalg.norm(motion, axis=2))
 
 
-def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
+def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Measured:
     """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
     pad = DiscPad(radius_m=4e-3, height_m=small_pads.HEIGHT_M)
     mesh = small_pads.round_mesh(pad=pad, start_m=0.0, size_m=1e-3, symmetric=False)
@@ -106,25 +95,20 @@ def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
         point = path.carry(twist_rad=float(np.radians(step_deg)))
         torques.append(-float(contact_measures(path.model, point).moment_nm[2]))
         ratio_min = min(ratio_min, point.equilibrium.min_jacobian)
-    kink = float(np.abs(np.diff(torques, n=2)).max() / max(torques))
-    return Outcome(
-        passed=kink <= TORQUE_KINK_SHARE and ratio_min > 0.0,
-        measured={
-            "torque_kink_share": kink,
-            "torque_first_step_nm": torques[1],
-            "torque_end_nm": torques[-1],
-            "force_end_n": float(point.force_n[2]),
-            "min_jacobian": ratio_min,
-            "newton_iterations": path.counts.newton_iterations,
-            "increments": path.counts.increments,
-        },
-    )
+    return {
+        "torque_kink_share": float(np.abs(np.diff(torques, n=2)).max() / max(torques)),
+        "torque_first_step_nm": torques[1],
+        "torque_end_nm": torques[-1],
+        "force_end_n": float(point.force_n[2]),
+        "min_jacobian": ratio_min,
+        "newton_iterations": path.counts.newton_iterations,
+        "increments": path.counts.increments,
+    }
 
 
 _RAMP_TO_M = 0.4e-3
 _RAMP_FROM_M = 0.36e-3
 _RAMP_STEPS_S = (1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
-_RAMP_TOLERANCE = 1e-3
 # The pad's slowest tone is of about 2 ms.
 _RAMP_S = 6e-3
 _LISTEN_S = 2e-3
@@ -135,11 +119,9 @@ _HELD_M = 1e-12
 _SPEEDS_M_S = (1.0, 2.0, 5.0)
 _TRAVEL_A_STEP_M = 0.02e-3
 _IMPACT_STEP_COUNT = 30
-# What Newton's tolerance of 1e-8 of the force leaves in the energies.
-_RISE_ALLOWED = 1e-7
 
 
-def time_steps() -> Outcome:
+def time_steps() -> Measured:
     """Press to a depth with every time step, and without time at once."""
     model = small_pads.pad_model(small_pads.round_mesh(), order=ElementOrder.P1)
     static = LoadingPath(model, small_pads.PUNCH).advance(_RAMP_TO_M).force_n[2]
@@ -157,8 +139,7 @@ def time_steps() -> Outcome:
         measured[f"dt_{step_s:g}s_one_step_deviation"] = jumped
         measured[f"dt_{step_s:g}s_even_steps_deviation"] = even
         worst = max(worst, abs(jumped), abs(even))
-    measured["deviation_max"] = worst
-    return Outcome(passed=worst <= _RAMP_TOLERANCE, measured=measured)
+    return measured | {"deviation_max": worst}
 
 
 def _jump(model: Model, step_s: float) -> float:
@@ -202,7 +183,7 @@ def energy_j(path: LoadingPath, inertia: Inertia) -> float:
     return path.model.mesh.symmetry.copies * (energy + 0.5 * float(inertia.masses_kg @ squares))
 
 
-def impact() -> Outcome:
+def impact() -> Measured:
     """Follow energies and gaps through every impact."""
     model = small_pads.pad_model(small_pads.round_mesh(), order=ElementOrder.P1)
     rise, gap, peak, touching = -np.inf, np.inf, 0.0, 0
@@ -214,15 +195,13 @@ def impact() -> Outcome:
         gap = min(gap, *(float(each.min()) for each in gaps))
         force = max(float(step.force_n[2]) for step in steps)
         peak, touching = max(peak, force), touching + (force > 0.0)
-    measured: Measured = {
+    return {
         "impacts": 2 * 2 * len(_SPEEDS_M_S),
         "impacts_that_touched": touching,
         "energy_gain_max_over_impact": rise,
         "gap_min_m": gap,
         "force_max_n": peak,
     }
-    passed = touching == measured["impacts"] and rise <= _RISE_ALLOWED and gap > 0.0
-    return Outcome(passed=passed, measured=measured)
 
 
 def _impact(

@@ -1,7 +1,6 @@
 """Cases 1, 2, 12, 14, 15, 18, 19: odd starts, other units, no contact, balance, repetition."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -17,7 +16,7 @@ from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases import small_pads
-from sim.studies.hard_cases.small_pads import Measured, Outcome
+from sim.studies.hard_cases.small_pads import Measured
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.parallel import IsolatedWorker
@@ -28,11 +27,9 @@ _SEEDS, _SHUFFLED = 3, (1.0, 0.05)
 # Newton refuses from 30 % of the pad's height, which is 1.2 mm.
 _DEPTHS_M = (0.2e-3, 1.1e-3, 1.3e-3, 5e-3)
 _PATIENT = SolverOptions(iteration_max=300)
-# Energies of the first one's size differ by a few units in their last place when they are equal.
-ENERGY_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
-def degenerate_starts() -> Outcome:
+def degenerate_starts() -> Measured:
     """Case 1: every node at one point, on the base, in a plane, or mirrored; P1 and P2."""
     iterations, worst = list[int](), 0.0
     for order in ElementOrder:
@@ -50,15 +47,14 @@ def degenerate_starts() -> Outcome:
             found = solver.settle(state, options=_PATIENT)
             worst = max(worst, float(np.abs(state.positions - rest).max()) / small_pads.HEIGHT_M)
             iterations.append(found.iterations)
-    measured: Measured = {
+    return {
         "starts": len(iterations),
         "iterations_max": max(iterations),
         "distance_from_rest_max_over_height": worst,
     }
-    return Outcome(passed=max(iterations) == 0 and worst <= 1e-6, measured=measured)
 
 
-def random_start() -> Outcome:
+def random_start() -> Measured:
     """Case 2: every free node anywhere in the box, or shuffled by a share of that; no contact.
 
     Three seeds each, P1 and P2. What is anywhere begins at rest; what is shuffled descends.
@@ -90,7 +86,7 @@ def random_start() -> Outcome:
                 inverted = max(inverted, int(turned.sum()))
             else:
                 rested[order] += 1
-    measured: Measured = {
+    return {
         "starts": len(rises),
         "iterations_max": iterations,
         "energy_rise_max_over_first": max(rises),
@@ -101,13 +97,11 @@ def random_start() -> Outcome:
         "knot_energy_max_over_E_volume": max(knots, default=0.0),
         "det_F_min_at_the_end": smallest,
     }
-    passed = max(rises) <= ENERGY_ROUNDING and residual <= 1e-10 and bool(np.isfinite(smallest))
-    return Outcome(passed=passed, measured=measured)
 
 
-def penetrating_start() -> Outcome:
+def penetrating_start() -> Measured:
     """Case 15: the indenter begins inside the undeformed gel, up to a whole diameter deep."""
-    model = small_pads.pad_model(small_pads.quarter_brick_mesh((4, 4, 4)))
+    model = small_pads.pad_model(small_pads.brick_mesh((4, 4, 4), quarter=True))
     resolved, worst, gap, spoiled = 0, 0.0, np.inf, 0
     refusals: dict[str, str] = {}
     for indenter in (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)):
@@ -124,7 +118,7 @@ def penetrating_start() -> Outcome:
             force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
             worst = max(worst, abs(force / path.advance(depth_m).force_n[2] - 1.0))
             gap = min(gap, float(model.surface.gaps(state.positions, indenter, state).min()))
-    measured: Measured = {
+    return {
         "resolved": resolved,
         "force_deviation_max": worst,
         "gap_min_m": gap,
@@ -132,8 +126,6 @@ def penetrating_start() -> Outcome:
         "refused_with_the_state_changed": spoiled,
         **{f"refused_at {where}": message for where, message in refusals.items()},
     }
-    passed = resolved > 0 and worst <= 1e-6 and gap > 0.0 and spoiled == 0
-    return Outcome(passed=passed, measured=measured)
 
 
 def _started(model: Model, positions: FloatArray) -> State:
@@ -145,15 +137,11 @@ def _started(model: Model, positions: FloatArray) -> State:
 _DEPTH_M = 0.3e-3
 # For a press in another process, its start and the loading of its kernels included.
 _OTHER_LIMIT_S = 250.0
-# Thousands of terms, each rounded, make a force: 4500 units in its last place.
-FORCE_ROUNDING = 1e-12
 _SLIDE_STEP_M = 0.05e-3
 _SLIDE_SIGNS = (1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0)
-# A slip is a difference of places some hundred times as large, so that its last places are noise.
-_DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
 
 
-def no_contact() -> Outcome:
+def no_contact() -> Measured:
     """Case 14: above the gel, on the way down to it, and after a press."""
     path = LoadingPath(
         small_pads.pad_model(small_pads.round_mesh(pad=small_pads.DOMED)), small_pads.PUNCH
@@ -162,18 +150,14 @@ def no_contact() -> Outcome:
     iterations = path.counts.newton_iterations
     path.advance(0.1e-3)
     after = path.advance(-0.1e-3)
-    forces = [float(np.abs(point.force_n).max()) for point in (*above, after)]
-    moved = float(np.abs(after.state.positions - path.model.nodes).max())
-    measured: Measured = {
-        "force_max_n": max(forces),
+    return {
+        "force_max_n": max(float(np.abs(point.force_n).max()) for point in (*above, after)),
         "iterations_before_touch": iterations,
-        "left_displaced_m": moved,
+        "left_displaced_m": float(np.abs(after.state.positions - path.model.nodes).max()),
     }
-    passed = max(forces) == 0.0 and iterations == 0 and moved < 1e-9
-    return Outcome(passed=passed, measured=measured)
 
 
-def force_balance() -> Outcome:
+def force_balance() -> Measured:
     """Case 18: force balance and gap over shapes, elements and contact laws, and a slide."""
     plain, bonded, sliding = dict[str, Any](), {"bonded": True}, {"friction": 0.4}
     worst, gap, count = 0.0, np.inf, 0
@@ -195,35 +179,31 @@ def force_balance() -> Outcome:
             gap = min(gap, contact_measures(model, point).gap_min_m)
             count += 1
     slide = slide_and_return()
-    worst, gap = max(worst, slide["balance_relative"]), min(gap, slide["gap_min_m"])
-    measured: Measured = {
+    return {
         "equilibria": count + len(_SLIDE_SIGNS),
-        "force_balance_max_relative": worst,
-        "gap_min_m": gap,
+        "force_balance_max_relative": max(worst, slide["balance_relative"]),
+        "gap_min_m": min(gap, slide["gap_min_m"]),
         "slide_dissipated_min_of_a_point_j": slide["point_min_j"],
+        "slide_dissipated_min_of_a_point_relative": slide["point_min_j"] / slide["dissipated_j"],
         "slide_dissipated_j": slide["dissipated_j"],
         "slide_work_less_stored_j": slide["work_less_stored_j"],
     }
-    is_lost = min(slide["dissipated_j"], slide["work_less_stored_j"]) > 0.0
-    passed = worst <= 1e-6 and gap > 0.0 and is_lost and gives_nothing_back(slide)
-    return Outcome(passed=passed, measured=measured)
 
 
-def repeatable() -> Outcome:
+def repeatable() -> Measured:
     """Case 19: the same press twice here and once in a process of its own."""
     with IsolatedWorker() as process:
         there = process.call(fingerprint, limit_s=_OTHER_LIMIT_S)
     here, again = fingerprint(), fingerprint()
     force, *others = (float.fromhex(found.split()[0]) for found in (here, again, there))
     same, other = (abs(found / force - 1.0) for found in others)
-    measured: Measured = {
+    return {
         "force_n": force,
         "deviation_same_process_relative": same,
         "deviation_other_process_relative": other,
         "bitwise_same_process": here == again,
         "bitwise_other_process": here == there,
     }
-    return Outcome(passed=max(same, other) <= FORCE_ROUNDING, measured=measured)
 
 
 def slide_and_return() -> dict[str, float]:
@@ -259,11 +239,6 @@ def slide_and_return() -> dict[str, float]:
     }
 
 
-def gives_nothing_back(slide: Mapping[str, float]) -> bool:
-    """Return whether every point dissipates at every increment, to rounding."""
-    return slide["point_min_j"] >= -_DISSIPATION_ROUNDING * slide["dissipated_j"]
-
-
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     """Return the least and the summed tangential force times slip of points that held on [J]."""
     earlier, later = small_pads.grip_of(before), small_pads.grip_of(after)
@@ -291,11 +266,10 @@ def fingerprint() -> str:
 
 _FACTORS = (1e-3, 1e3)
 _OPTIONS = SolverOptions(residual_relative=1e-10)
-_TOLERANCE = 1e-8
 _UNITS_DEPTH_M, _FORCE_N, _SHIFT_M, _STEP_M = 0.2e-3, 1.0, 0.05e-3, 0.1e-3
 
 
-def scaled_units() -> Outcome:
+def scaled_units() -> Measured:
     """Press to a depth, push with a force and slide, in five systems of units."""
     expected, _ = _answer(1.0, 1.0)
     worst, at, iterations = 0.0, "", set()
@@ -306,14 +280,13 @@ def scaled_units() -> Outcome:
         deviation = max(float(np.abs(b - a).max() / np.abs(a).max()) for a, b in pairs)
         if deviation >= worst:
             worst, at = deviation, f"length x {length:g}, stress x {stress:g}"
-    measured: Measured = {
+    return {
         "systems_of_units": 1 + len(_FACTORS) ** 2,
         "deviation_max": worst,
         "deviation_max_at": at,
         "iterations_min": min(iterations),
         "iterations_max": max(iterations),
     }
-    return Outcome(passed=worst <= _TOLERANCE, measured=measured)
 
 
 def _answer(length: float, stress: float) -> tuple[tuple[FloatArray, FloatArray], int]:

@@ -24,9 +24,8 @@ from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, describe
 from sim.solve.loading_path import LoadingPath
-from sim.studies.hard_cases.small_pads import BALL, PUNCH, Measured, Outcome, pad_model, round_mesh
+from sim.studies.hard_cases.small_pads import BALL, PUNCH, Measured, pad_model, round_mesh
 
-_TOLERANCE = 1e-3
 _SCALAR = re.compile(r"\bwp\.float64\b")
 _NATIVE = re.compile(r"\bdouble\b(?=\*? )")
 _COMPOSED = re.compile(r"\bwp\.(vec[234]|mat22|mat33|mat44)d\b")
@@ -34,7 +33,7 @@ BARRIERS_M = (1e-5, 1e-6)
 _PRESS_DEPTH_M = 0.3e-3
 
 
-def single_precision() -> Outcome:
+def single_precision() -> Measured:
     """Press in both precisions and compare."""
     double, single = presses(), _single_presses()
     measured: Measured = {
@@ -54,10 +53,8 @@ def single_precision() -> Outcome:
     for barrier, deviation in worst.items():
         measured[f"force_deviation_max_at_{barrier * 1e6:g}_um"] = deviation
     flagged, mistaken = (sum(press["stalled"] for press in found) for found in (single, double))
-    measured["float32_stalls_flagged"] = f"{flagged} of {len(single)}"
-    measured["float64_stalls_flagged"] = f"{mistaken} of {len(double)}"
-    passed = worst[BARRIERS_M[0]] <= _TOLERANCE and flagged == len(single) and mistaken == 0
-    return Outcome(passed=passed and single[0]["kernel_epsilon"] > 1e-8, measured=measured)
+    stalls = {"float32_stalls_flagged": flagged, "float64_stalls_flagged": mistaken}
+    return measured | {"presses": len(single), **stalls}
 
 
 def in_single_precision(source: str) -> str:

@@ -22,16 +22,13 @@ from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases import small_pads
-from sim.studies.hard_cases.small_pads import Measured, Outcome
+from sim.studies.hard_cases.small_pads import Measured
 from sim.studies.verification.exact import BondedLayers
 from sim.studies.verification.forces import measure_orders
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
-FORCE_TOLERANCE = 0.05
-RESIDUAL_TOLERANCE = 1e-6
 SLIVER_DEG = 0.5
-ITERATION_RATIO = 3.0
 PUNCH = Cylinder(diameter_m=5e-3)
 # A wide pad of linear gel without weight, as published and exact solutions have it.
 _WIDE = Scene(
@@ -45,20 +42,19 @@ _WIDE = Scene(
 )
 
 
-def slivers(depth_m: float = 0.8e-3) -> Outcome:
+def slivers(depth_m: float = 0.8e-3) -> Measured:
     """Press a ball into a brick with and without slivers, with both elements."""
     good = small_pads.brick_mesh((6, 6, 3))
     bad = with_slivers(good, dihedral_deg=SLIVER_DEG)
     measured: Measured = {"dihedral_min_deg": smallest_dihedral_deg(bad)}
-    worst = 0.0
     for order in ElementOrder:
         spent, force = _ball_press(good, order, depth_m)
         spent_bad, force_bad = _ball_press(bad, order, depth_m)
         measured[f"iterations_{order.value}"] = spent_bad
         measured[f"iterations_good_mesh_{order.value}"] = spent
+        measured[f"iterations_over_good_mesh_{order.value}"] = spent_bad / spent
         measured[f"force_difference_relative_{order.value}"] = force_bad / force - 1.0
-        worst = max(worst, spent_bad / spent)
-    return Outcome(passed=worst <= ITERATION_RATIO, measured=measured)
+    return measured
 
 
 def _ball_press(mesh: TetMesh, order: ElementOrder, depth_m: float) -> tuple[int, float]:
@@ -67,14 +63,13 @@ def _ball_press(mesh: TetMesh, order: ElementOrder, depth_m: float) -> tuple[int
     return path.counts.newton_iterations, float(point.force_n[2])
 
 
-def stiff_layers() -> Outcome:
+def stiff_layers() -> Measured:
     """Press flat punches into two layers, 10,000 times apart, either one on top."""
     skin = _laminate_press("soft_on_stiff", ratio=1e-4, share=0.925, radius_m=2.5e-3)
-    base = _laminate_press("stiff_on_soft", ratio=1e4, share=0.5, radius_m=0.5e-3)
-    return Outcome(passed=skin.passed and base.passed, measured=skin.measured | base.measured)
+    return skin | _laminate_press("stiff_on_soft", ratio=1e4, share=0.5, radius_m=0.5e-3)
 
 
-def _laminate_press(name: str, *, ratio: float, share: float, radius_m: float) -> Outcome:
+def _laminate_press(name: str, *, ratio: float, share: float, radius_m: float) -> Measured:
     """Press 10 um into a base and a top layer ``ratio`` times as stiff."""
     young, depth = 1e5 / min(1.0, ratio), 10e-6
     lower, upper = (replace(_WIDE.material, young_pa=each) for each in (young, young * ratio))
@@ -82,16 +77,13 @@ def _laminate_press(name: str, *, ratio: float, share: float, radius_m: float) -
     indenter = Cylinder(diameter_m=2.0 * radius_m)
     scene = replace(_WIDE, material=upper, layers=layers, indenter=indenter)
     result, solution = press(scene), BondedLayers.of_scene(scene)
-    error = result.force_n[2] / solution.punch_force(radius_m=radius_m, depth_m=depth) - 1.0
-    residual = result.point.equilibrium.residual_n / result.force_n[2]
-    return Outcome(
-        passed=abs(error) < FORCE_TOLERANCE and residual < RESIDUAL_TOLERANCE,
-        measured={
-            f"force_error_relative_{name}": error,
-            f"residual_relative_{name}": residual,
-            f"iterations_{name}": result.newton_iterations,
-        },
-    )
+    exact_n = solution.punch_force(radius_m=radius_m, depth_m=depth)
+    residual_n = result.point.equilibrium.residual_n
+    return {
+        f"force_error_relative_{name}": result.force_n[2] / exact_n - 1.0,
+        f"residual_relative_{name}": residual_n / result.force_n[2],
+        f"iterations_{name}": result.newton_iterations,
+    }
 
 
 def with_slivers(mesh: TetMesh, *, dihedral_deg: float) -> TetMesh:
@@ -130,17 +122,14 @@ _DEPTH_SHARE = 0.8
 _FRAME_M = 0.1e-3
 
 
-def deep_presses() -> Outcome:
+def deep_presses() -> Measured:
     """Press in 0.1 mm frames to 80 % of the height, in three ways."""
     # The stable law costs little at J = 0, and at a sharp rim it goes below; the other one cannot.
     finer: dict[str, Any] = {"size_m": 0.25e-3, "growth": 1.5, "sector_count": 12}
     slipping = press_in("rounded_slipping", fillet_m=0.5e-3, bonded=False, **finer)
     sticking = press_in("rounded_sticking", fillet_m=0.5e-3, bonded=True)
     sharp = press_in("sharp_sticking", bonded=True, law_name=LawName.NEO_HOOKEAN)
-    return Outcome(
-        passed=slipping.passed and sticking.passed and sharp.passed,
-        measured=slipping.measured | sticking.measured | sharp.measured,
-    )
+    return slipping | sticking | sharp
 
 
 def press_in(
@@ -151,7 +140,7 @@ def press_in(
     size_m: float = 0.2e-3,
     law_name: LawName = LawName.STABLE_NEO_HOOKEAN,
     **mesh_options: Any,
-) -> Outcome:
+) -> Measured:
     """Press a disc pad, 20 mm wide, to 80 % of its 4 mm with a 5 mm cylinder, frame by frame.
 
     Args:
@@ -172,16 +161,12 @@ def press_in(
         point = path.advance(float(at))
         forces.append(float(point.force_n[2]))
         ratios.append(point.equilibrium.min_jacobian)
-    rise = float(np.diff(forces).min())
-    return Outcome(
-        passed=rise > 0.0,
-        measured={
-            f"force_end_{name}_n": forces[-1],
-            f"force_rise_min_{name}_n": rise,
-            f"min_jacobian_{name}": min(ratios),
-            f"newton_iterations_{name}": path.counts.newton_iterations,
-        },
-    )
+    return {
+        f"force_end_{name}_n": forces[-1],
+        f"force_rise_min_{name}_n": float(np.diff(forces).min()),
+        f"min_jacobian_{name}": min(ratios),
+        f"newton_iterations_{name}": path.counts.newton_iterations,
+    }
 
 
 # --- Places on the pad.
@@ -189,19 +174,18 @@ PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
 INDENTERS: dict[str, Indenter] = {"sharp_cylinder": PUNCH, "sphere": small_pads.BALL}
 PLACES = {"middle": (0.0, 0.0), "edge": (6e-3, 0.0), "corner": (6e-3, 6e-3)}
 DEPTHS_M = (0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3)
-_BALANCE_MAX = 1e-6
 # Farther than the larger radius: a ball whose tip is beside the pad may still touch its edge.
 _BESIDE_M = (10.5e-3, 0.0)
 
 
 def off_the_pad(
     indenters: Mapping[str, Indenter] = INDENTERS, effects: tuple[tuple[Effect, bool], ...] = ()
-) -> Outcome:
+) -> Measured:
     """Press at the middle, the edge and the corner of a box, then beside it.
 
     Every step that is reached has converged, or an error is raised.
     """
-    measured, passed = Measured(), True
+    measured, refused = Measured(), 0
     for name, indenter in indenters.items():
         scene = Scene(
             pad=PAD,
@@ -215,17 +199,16 @@ def off_the_pad(
         for place, centre in PLACES.items():
             found = _pressed_at(replace(scene, centre_m=centre))
             measured |= {f"{name}_{place}_{key}": value for key, value in found.items()}
-            passed &= bool(found["rises"]) and float(found["gap_min_m"]) > 0.0
-            passed &= float(found["balance_max_relative"]) <= _BALANCE_MAX
             forces.append(float(found["force_n"]))
-        passed &= forces[0] > forces[1] > forces[2] > 0.0
+        measured[f"{name}_falls_outwards"] = forces[0] > forces[1] > forces[2] > 0.0
         try:
             press(replace(scene, centre_m=_BESIDE_M))
         except ConfigError as error:
             measured[f"{name}_beside"] = error.message
+            refused += 1
         else:
-            measured[f"{name}_beside"], passed = "pressed nothing without a word", False
-    return Outcome(passed=passed, measured=measured)
+            measured[f"{name}_beside"] = "pressed nothing without a word"
+    return measured | {"bodies": len(indenters), "refused_beside": refused}
 
 
 def _pressed_at(scene: Scene) -> Measured:
@@ -252,12 +235,9 @@ _REST_STABLE = (*_OBJECTIVE, LawName.LINEAR)
 _NEWTON_STEPS = 8
 
 
-def consistency_and_order() -> Outcome:
+def consistency_and_order() -> Measured:
     """Turn, stretch and refine."""
-    measured = rigid_motion() | patch_test()
-    exact = max(float(deviation) for deviation in measured.values())
-    orders = small_pads.outcome_of(measure_orders())
-    return Outcome(passed=exact <= 1e-10 and orders.passed, measured=measured | orders.measured)
+    return rigid_motion() | patch_test() | small_pads.numbers_of(measure_orders())
 
 
 def _uneven_models(laws: Iterable[LawName]) -> Iterator[Model]:

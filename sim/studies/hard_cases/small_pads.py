@@ -1,6 +1,6 @@
-"""What the hard cases share: an outcome, and small pads: coarse, deterministic, quick."""
+"""What the hard cases share: small pads that are coarse, deterministic and quick."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,16 +20,10 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 
 Measured = dict[str, float | int | bool | str]
+"""What a case has measured, units in the names."""
 
 
-class Outcome(NamedTuple):
-    """Whether a case's criterion is met, and what was measured, units in the names."""
-
-    passed: bool
-    measured: Measured
-
-
-def outcome_of(table: Table) -> Outcome:
+def numbers_of(table: Table) -> Measured:
     """Return the numbers of a table that another study has measured, each with its row's words."""
     measured = Measured()
     for row in table.rows:
@@ -37,7 +31,7 @@ def outcome_of(table: Table) -> Outcome:
         words = words or f"{table.columns[0]} {row[0]}"
         numbers = zip(table.columns, row, strict=True)
         measured |= {f"{words}: {name}": n for name, n in numbers if isinstance(n, float | int)}
-    return Outcome(passed=table.passed, measured=measured)
+    return measured
 
 
 HEIGHT_M = 4e-3
@@ -92,30 +86,17 @@ def round_mesh(
     return revolved_mesh(pad, grading, symmetry=None if symmetric else MirrorSymmetry(), **terms)
 
 
-def brick_mesh(cells: tuple[int, int, int], *, jitter: float = 0.0) -> TetMesh:
-    """Return a regular box of 12 x 12 x 4 mm."""
-    return box_mesh((12e-3, 12e-3, HEIGHT_M), cells, jitter=jitter)
-
-
-def quarter_brick_mesh(cells: tuple[int, int, int]) -> TetMesh:
-    """Return the quarter of that box whose mirror images are the rest."""
-    return box_mesh((6e-3, 6e-3, HEIGHT_M), cells, quarter=True)
-
-
-def box_mesh(
-    size_m: tuple[float, float, float],
-    cells: tuple[int, int, int],
-    *,
-    jitter: float = 0.0,
-    quarter: bool = False,
+def brick_mesh(
+    cells: tuple[int, int, int], *, jitter: float = 0.0, quarter: bool = False
 ) -> TetMesh:
-    """Cut a box, centred in x and y, into cells and each into six tetrahedra (Kuhn).
+    """Cut a box of 12 x 12 x 4 mm into cells and each into six tetrahedra (Kuhn).
 
     Args:
         jitter: Random shift of the interior nodes, in cell sizes, always the same for a mesh.
-        quarter: Mesh the quarter at x, y >= 0 of a box whose mirror images are the rest; extents
-            and cells are the quarter's.
+        quarter: Mesh the quarter at x, y >= 0, whose mirror images are the rest; cells are the
+            quarter's.
     """
+    width = 6e-3 if quarter else 12e-3
     axes = [np.linspace(0.0, 1.0, count + 1) for count in cells]
     shares = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     if jitter:
@@ -123,7 +104,7 @@ def box_mesh(
         noise = np.random.default_rng(20).uniform(-jitter, jitter, size=shares.shape)
         shares = shares + np.where(inner[:, None], noise / np.array(cells), 0.0)
     origin = np.zeros(3) if quarter else np.array([0.5, 0.5, 0.0])
-    vertices: FloatArray = (shares - origin) * np.array(size_m)
+    vertices: FloatArray = (shares - origin) * (width, width, HEIGHT_M)
     mesh = TetMesh(
         vertices=vertices,
         tets=kuhn_tets(cells),

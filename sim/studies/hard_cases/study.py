@@ -1,17 +1,19 @@
 """The hard cases: what a solver may break on, each with a criterion and what was measured."""
 
+import operator
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sim.studies import from_file, measured_at
-from sim.studies.hard_cases.small_pads import outcome_of
+from sim.studies.hard_cases.small_pads import Measured, numbers_of
 from tacauchy_rig.core.study import Case, Result, Study
 from tacauchy_rig.core.tables import Table
 from tacauchy_rig.core.versions import machine, versions
 
-# By number what each case is called, what has to hold, what measures it, and how long it may take.
+# By number what each case is called, what measures it, what has to hold, and how long it may take.
 CASES = from_file("hard_cases/criteria.toml")
 # What the numbers depend on.
 _NUMERICAL = ("tacauchy-rig", "python", "warp-lang", "numpy", "scipy", "pypardiso")
@@ -91,6 +93,27 @@ def _verdict(row: Mapping[str, Any]) -> str:
 
 
 def measured(number: str) -> dict[str, Any]:
-    """Measure a case, or take the table of another study for it; return its ``Outcome``."""
+    """Measure a case, or take the table of another study; return its numbers, and if it passed."""
     found = measured_at(CASES[number]["measure"])
-    return dict((outcome_of(found) if isinstance(found, Table) else found)._asdict())
+    if isinstance(found, Table):
+        return {"passed": found.passed, "measured": numbers_of(found)}
+    return {"passed": has_passed(number, found), "measured": found}
+
+
+def has_passed(number: str, found: Measured) -> bool:
+    """Return whether what was measured is within all limits of a case."""
+    return all(_is_within(limit, found) for limit in CASES[number]["limits"])
+
+
+_SIGNS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+
+
+def _is_within(limit: str, found: Measured) -> bool:
+    """Return whether all numbers of a pattern are within a limit, such as ``gap_* > 0``.
+
+    On its right side may stand the name of another number. Of names none may be missing.
+    """
+    pattern, sign, bound = limit.rsplit(maxsplit=2)
+    most = found[bound] if bound in found else float(bound)
+    numbers = [value for name, value in found.items() if fnmatchcase(name, pattern)]
+    return bool(numbers) and all(_SIGNS[sign](value, most) for value in numbers)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import InitVar, dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -90,8 +90,6 @@ class Modes(Study):
 
     def line(self, result: Result) -> str:
         """Return the forces of a run."""
-        if result.failure:
-            return result.failure
         seen = result.found.signature
         return f"F_n {seen.normal_size_n:.4f} N, tangential {seen.tangential_sum_n:.4f} N in sum"
 
@@ -143,67 +141,50 @@ def _criteria(run: ModeRun) -> Table:
 _BESIDE_SHARE = 1e-5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlaneCut:
-    """Triangles of the plane y = const."""
+def section(
+    model: Model, positions: FloatArray, x_m: FloatArray, z_m: FloatArray, *, y_m: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Sample the deformed pad where columns and rows of a plane across y meet; edges are straight.
 
-    points_m: FloatArray  # x and z, shape [point_count, 2]
-    triangles: IntArray  # shape [triangle_count, 3]
-    stress_pa: FloatArray  # recovered in each layer, shape [point_count, 3, 3]
-    layers: IntArray  # of each triangle, shape [triangle_count]
-
-    def without_slivers(self, thickness_m: float) -> PlaneCut:
-        """Leave out what is thinner than that [m]: hairlines in a picture.
-
-        Tetrahedra that meet the plane in no more than an edge give such triangles.
-        """
-        corners = self.points_m[self.triangles]
-        sides = corners - np.roll(corners, 1, axis=1)
-        doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-        kept = doubled > thickness_m * np.linalg.norm(sides, axis=2).max(axis=1)
-        return replace(self, triangles=self.triangles[kept], layers=self.layers[kept])
-
-
-def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> PlaneCut:
-    """Cut the deformed pad by a plane across y; edges count as straight."""
+    Returns:
+        Stress, recovered in each layer [Pa], shape [row_count, column_count, 3, 3], and the number
+        of the layer, shape [row_count, column_count]; not a number beside the gel.
+    """
+    pyvista: Any = importlib.import_module("pyvista")
+    places = pyvista.RectilinearGrid(x_m, [y_m + _BESIDE_SHARE * model.height_m], z_m)
+    stress = np.full((len(z_m) * len(x_m), 9), np.nan)
+    layer_at = np.full(len(stress), np.nan)
     layers = model.mesh.layers
     labels = np.zeros(len(model.elements), dtype=np.int32) if layers is None else layers
-    plane: Any = {"origin": (0.0, y_m + _BESIDE_SHARE * model.height_m, 0.0), "normal": "y"}
-    pyvista, parts, count = importlib.import_module("pyvista"), list[Any](), 0
     for layer in range(int(labels.max()) + 1):
         own = labels == layer
         nodes, corners = np.unique(model.elements[own, :4], return_inverse=True)
         cells = {pyvista.CellType.TETRA: corners.reshape(-1, 4)}
         grid = pyvista.UnstructuredGrid(cells, positions[nodes])
-        stress = recovered_stress(model, positions, own)[nodes]
-        grid.point_data["stress"] = stress.reshape(-1, 9)
-        surface = grid.slice(**plane, generate_triangles=True)
-        faces = surface.faces.reshape(-1, 4)[:, 1:].astype(np.int32) + count
-        points = np.asarray(surface.points[:, [0, 2]], dtype=np.float64)
-        found = np.asarray(surface.point_data["stress"]).reshape(-1, 3, 3)
-        parts.append((points, faces, found, np.full(len(faces), layer, dtype=np.int32)))
-        count += len(points)
-    corners_m, faces, found, layer_of = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return PlaneCut(points_m=corners_m, triangles=faces, stress_pa=found, layers=layer_of)
+        grid["stress"] = recovered_stress(model, positions, own)[nodes].reshape(-1, 9)
+        found = places.sample(grid)
+        inside = found["vtkValidPointMask"] > 0
+        stress[inside], layer_at[inside] = found["stress"][inside], layer
+    shape = (len(z_m), len(x_m))
+    return stress.reshape(*shape, 3, 3), layer_at.reshape(shape)
 
 
 _STEEL = "#C9CED6"
 _MM, _KPA = 1e3, 1e-3
-_SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
+_SECTION_MIN_MM, _SECTION_POINTS = 3.0, (400, 300)
 _ARROW_MIN_SHARE = 5e-3
 _TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
-# The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
-_SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
+# The shear that a mode is about, seen in the plane y = 0.
+_SHEARS = {"press": "xz", "slide": "xz", "twist": "yz"}
 
 
 def modes_figure(runs: Sequence[ModeRun]) -> Figure:
     """Draw modes, one a row: stress in a section, pressure, tangential traction, shear."""
 
-    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, section: PlaneCut) -> str:
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps) -> str:
         _draw_pressure(row[1], run, maps)
         _draw_traction(row[2], run, maps)
-        name, i, j = _SHEARS[run.name]
-        _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
+        _draw_section(row[3], run, _SHEARS[run.name])
         return f"{_TITLES[run.name]}, {run.travel}"
 
     return _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
@@ -212,7 +193,7 @@ def modes_figure(runs: Sequence[ModeRun]) -> Figure:
 def sensors_figure(runs: Sequence[ModeRun]) -> Figure:
     """Draw a press on sensors, one a row: section, mesh, pressure, tangential traction."""
 
-    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, _section: PlaneCut) -> str:
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps) -> str:
         _draw_mesh(row[1], maps)
         _draw_pressure(row[2], run, maps)
         _draw_traction(row[3], run, maps)
@@ -223,7 +204,7 @@ def sensors_figure(runs: Sequence[ModeRun]) -> Figure:
 
 def _drawn(
     runs: Sequence[ModeRun],
-    draw: Callable[[ModeRun, Sequence[Axes], SurfaceMaps, PlaneCut], str],
+    draw: Callable[[ModeRun, Sequence[Axes], SurfaceMaps], str],
     *,
     height_in: float,
     widths: tuple[float, ...],
@@ -236,9 +217,8 @@ def _drawn(
     parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]
     for part, run in zip(parts, runs, strict=True):
         row = part.subplots(1, len(widths), width_ratios=widths)
-        section = cut(run.path.model, run.point.state.positions)
-        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
-        title = draw(run, row, surface_maps(run.path, run.point), section)
+        _draw_section(row[0], run, "zz")
+        title = draw(run, row, surface_maps(run.path, run.point))
         force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
         part.suptitle(f"{title}, {force}", x=0.01, ha="left")
     return figure
@@ -252,42 +232,25 @@ def _reach(run: ModeRun) -> float:
     return float(1.5 * np.linalg.norm(arms, axis=1).max() * _MM)
 
 
-def _draw_section(
-    axes: Axes, run: ModeRun, section: PlaneCut, entry: tuple[int, int], name: str
-) -> None:
-    values = section.stress_pa[:, entry[0], entry[1]] * _KPA
-    thick = section.without_slivers(_THIN_SHARE * run.path.model.height_m)
-    # A few nodes at a rim would wash out all the rest.
-    limit = float(np.quantile(np.abs(values), 0.98))
-    grid = _triangulation(thick.points_m, thick.triangles)
-    look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
-    # Shaded triangles leave hairlines between them: flat ones with edges lie below.
-    axes.tripcolor(grid, values, shading="flat", edgecolors="face", linewidth=0.4, **look)
-    shown = axes.tripcolor(grid, values, shading="gouraud", **look)
-    _draw_interfaces(axes, section)
-    _draw_indenter(axes, run)
+def _draw_section(axes: Axes, run: ModeRun, entry: str) -> None:
+    """Draw an entry of the stress, such as ``xz``, in the plane y = 0, and where layers meet."""
+    tip, height = run.point.state.tip * _MM, run.path.model.height_m * _MM
     reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
-    tip = run.point.state.tip * _MM
-    height = run.path.model.height_m * _MM
-    axes.set_xlim(tip[0] - reach, tip[0] + reach)
-    axes.set_ylim(0.0, 1.35 * height)
+    x = np.linspace(tip[0] - reach, tip[0] + reach, _SECTION_POINTS[0])
+    z = np.linspace(0.0, 1.35 * height, _SECTION_POINTS[1])
+    stress, layers = section(run.path.model, run.point.state.positions, x / _MM, z / _MM)
+    i, j = ("xyz".index(axis) for axis in entry)
+    values = stress[..., i, j] * _KPA
+    # A few points at a rim would wash out all the rest.
+    limit = float(np.nanquantile(np.abs(values), 0.98))
+    look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "origin": "lower"}
+    shown = axes.imshow(values, extent=(x[0], x[-1], z[0], z[-1]), **look)
+    axes.contour(x, z, layers, levels=[0.5], colors=INK, linewidths=0.5)
+    _draw_indenter(axes, run)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(0.0, z[-1])
     _label(axes, "z")
-    _bar(axes, shown, f"{name} (kPa)", extend="both")
-
-
-def _draw_interfaces(axes: Axes, section: PlaneCut) -> None:
-    """Draw the edges where two layers meet."""
-    is_lower = section.layers == section.layers.min()
-    lower, upper = section.triangles[is_lower], section.triangles[~is_lower].reshape(-1)
-    points = np.round(section.points_m * 1e9).astype(np.int64)
-    shared = set(map(tuple, points[upper]))
-    edges = [
-        section.points_m[[a, b]] * _MM
-        for triangle in lower
-        for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
-        if tuple(points[a]) in shared and tuple(points[b]) in shared
-    ]
-    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=INK, linewidths=0.5))
+    _bar(axes, shown, rf"$\sigma_{{{entry}}}$ (kPa)", extend="both")
 
 
 def _draw_indenter(axes: Axes, run: ModeRun) -> None:

@@ -200,7 +200,7 @@ class Objects(Study):
 
     def line(self, result: Result) -> str:
         """Return the force."""
-        return result.failure or f"{result.found.force_n:.3f} N"
+        return f"{result.found.force_n:.3f} N"
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the presses; no pixel of a height map may lie above its object."""

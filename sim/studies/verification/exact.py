@@ -95,7 +95,7 @@ class BondedLayers:
 
     def punch_factor(self, radius_m: float) -> float:
         """Return kappa = F (1 - nu^2) / (2 a E d) of a flat punch; 1 on a half space."""
-        return self._density(radius_m).mean(0)
+        return self._density(radius_m, 1.0).mean()
 
     def punch_force(self, *, radius_m: float, depth_m: float) -> float:
         """Return the force of a frictionless flat punch [N]."""
@@ -107,33 +107,29 @@ class BondedLayers:
         The ball is the paraboloid of its radius, as in Hertz's theory.
         """
 
-        def excess(contact_m: float) -> float:
-            phi = self._density(contact_m)
-            return depth_m * phi.rim(0) - contact_m**2 / radius_m * phi.rim(2)
+        def density(contact_m: float) -> _Density:
+            return self._density(contact_m, depth_m, contact_m**2 / radius_m)
 
         widest = math.sqrt(2.0 * radius_m * depth_m)
-        contact = float(scipy.optimize.brentq(excess, 0.1 * widest, 2.0 * widest))
-        phi = self._density(contact)
-        mean = depth_m * phi.mean(0) - contact**2 / radius_m * phi.mean(2)
-        return 2.0 * contact * self._modulus_pa * mean, contact
+        edges = 0.1 * widest, 2.0 * widest
+        contact = float(scipy.optimize.brentq(lambda contact_m: density(contact_m).rim, *edges))
+        return 2.0 * contact * self._modulus_pa * density(contact).mean(), contact
 
     def punch_pressure(self, radii_m: FloatArray, *, radius_m: float, depth_m: float) -> FloatArray:
         """Return a flat punch's pressure [Pa] at radii below its own; singular at the rim."""
-        phi = self._density(radius_m)
-        return self._modulus_pa * depth_m * phi.pressure(radii_m / radius_m, 0) / radius_m
+        phi = self._density(radius_m, depth_m)
+        return self._modulus_pa * phi.pressure(radii_m / radius_m) / radius_m
 
     def ball_pressure(self, radii_m: FloatArray, *, radius_m: float, depth_m: float) -> FloatArray:
         """Return a ball's pressure [Pa] at radii from its axis, zero beside the contact."""
         _, contact = self.ball_force(radius_m=radius_m, depth_m=depth_m)
-        phi, inside = self._density(contact), radii_m < contact
-        at = radii_m[inside] / contact
-        deep, curved = depth_m * phi.pressure(at, 0), contact**2 / radius_m * phi.pressure(at, 2)
+        phi, inside = self._density(contact, depth_m, contact**2 / radius_m), radii_m < contact
         pressure = np.zeros_like(radii_m)
-        pressure[inside] = self._modulus_pa * (deep - curved) / contact
+        pressure[inside] = self._modulus_pa * phi.pressure(radii_m[inside] / contact) / contact
         return pressure
 
-    def _density(self, radius_m: float) -> _Density:
-        return _Density(radius_m, self._waves, self._missing)
+    def _density(self, radius_m: float, flat: float, curved: float = 0.0) -> _Density:
+        return _Density(radius_m, flat, curved, self._waves, self._missing)
 
 
 def radius_m(scene: Scene) -> float:
@@ -147,44 +143,44 @@ def hertz_force(*, radius_m: float, depth_m: float, young_pa: float, poisson: fl
 
 
 class _Density:
-    """phi for f = 1 and f = x^2, by Nystroem's method on Gauss points.
+    """phi for f = flat - curved x^2, by Nystroem's method on Gauss points.
 
     Args:
         radius_m: a [m].
         waves: Wave numbers [1/m], shape [wave_count].
         missing: 1 - L there, times the weight of each in an integral [1/m].
+
+    Attributes:
+        rim: phi(1).
     """
 
-    def __init__(self, radius_m: float, waves: FloatArray, missing: FloatArray) -> None:
+    def __init__(
+        self, radius_m: float, flat: float, curved: float, waves: FloatArray, missing: FloatArray
+    ) -> None:
         self._points, self._weights = np.polynomial.legendre.leggauss(_POINT_COUNT)
-        points = self._points
-        angles = np.outer(waves, radius_m * np.append(points, 1.0))
+        places = np.append(self._points, 1.0)
+        angles, wanted = np.outer(waves, radius_m * places), flat - curved * places**2
         even, odd = np.cos(angles), np.sin(angles)
         kernel = even.T @ (missing[:, None] * even) + odd.T @ (missing[:, None] * odd)
         coupling = radius_m / math.pi * kernel[:, :-1] * self._weights
-        system = np.eye(_POINT_COUNT) - coupling[:-1]
-        self._values = {power: np.linalg.solve(system, points**power) for power in (0, 2)}
-        self._rim = {power: 1.0 + float(coupling[-1] @ self._values[power]) for power in (0, 2)}
+        self._values = np.linalg.solve(np.eye(_POINT_COUNT) - coupling[:-1], wanted[:-1])
+        self.rim = float(wanted[-1] + coupling[-1] @ self._values)
 
-    def mean(self, power: int) -> float:
-        """Return int_0^1 phi for f = x^power."""
-        return 0.5 * float(self._weights @ self._values[power])
+    def mean(self) -> float:
+        """Return int_0^1 phi."""
+        return 0.5 * float(self._weights @ self._values)
 
-    def rim(self, power: int) -> float:
-        """Return phi(1) for f = x^power."""
-        return self._rim[power]
-
-    def pressure(self, places: FloatArray, power: int) -> FloatArray:
-        """Return a p (1 - nu^2) / E at x < 1 for f = x^power, with t^2 = x^2 + (1 - x^2) sin^2."""
+    def pressure(self, places: FloatArray) -> FloatArray:
+        """Return a p (1 - nu^2) / E at x < 1, with t^2 = x^2 + (1 - x^2) sin^2."""
         slope = np.polynomial.chebyshev.chebder(
-            np.polynomial.chebyshev.chebfit(self._points, self._values[power], _PHI_DEGREE)
+            np.polynomial.chebyshev.chebfit(self._points, self._values, _PHI_DEGREE)
         )
         angles = 0.25 * np.pi * (self._points + 1.0)
         short = np.sqrt(1.0 - places**2)[:, None]
         at = np.sqrt(places[:, None] ** 2 + (short * np.sin(angles)) ** 2)
         integrand = np.polynomial.chebyshev.chebval(at, slope) * short * np.cos(angles) / at
         inner = 0.25 * np.pi * integrand @ self._weights
-        return np.asarray((self._rim[power] / short[:, 0] - inner) / np.pi)
+        return np.asarray((self.rim / short[:, 0] - inner) / np.pi)
 
 
 def surface_compliance(plies: Sequence[Ply], waves: FloatArray) -> FloatArray:

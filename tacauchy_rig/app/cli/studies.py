@@ -126,7 +126,8 @@ class _Runner:
             with output.Steps() as step:
                 for number, result in enumerate(found, start=1):
                     self.results[result.name] = result
-                    step(f"{result.name}: {study.line(result)}", number, len(wanted))
+                    said = result.failure or study.line(result)
+                    step(f"{result.name}: {said}", number, len(wanted))
                     self._write()
         except KeyboardInterrupt:
             is_cut = True

@@ -23,7 +23,7 @@ from sim.solve.equilibrium import NEWTON, EquilibriumSolver, SolverOptions
 from sim.solve.line_search_and_convergence import note_residual, stagnates
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases.small_pads import pad_model, quarter_brick_mesh
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
@@ -62,7 +62,7 @@ def test_noise_is_a_standstill(noise: list[float]) -> None:
 
 def test_rounding_is_a_standstill_that_is_taken_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Asked for nothing at all, Newton ends in rounding, stalled, with the force of any press."""
-    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    model = pad_model(brick_mesh((3, 3, 2), quarter=True), order=ElementOrder.P1)
     forces, stalled = [], []
     for options in (SolverOptions(), SolverOptions(residual_relative=0.0)):
         path = LoadingPath(model, Sphere(diameter_m=6e-3), options=options)
@@ -77,7 +77,7 @@ def test_rounding_is_a_standstill_that_is_taken_and_told(monkeypatch: pytest.Mon
 
 def test_what_would_do_harm_is_an_error_after_the_last_iteration() -> None:
     """Out of iterations far from equilibrium: the message has their number and the residual."""
-    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    model = pad_model(brick_mesh((3, 3, 2), quarter=True), order=ElementOrder.P1)
     path = LoadingPath(model, Sphere(diameter_m=6e-3))
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
     with pytest.raises(ConvergenceError, match=r"after 2 steps: residual .* N at a"):

@@ -10,7 +10,7 @@ from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.loading_path import touch_height
 from sim.solve.model import Model
 from sim.solve.refused_overlap import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
-from sim.studies.hard_cases.small_pads import brick_mesh, pad_model, quarter_brick_mesh
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
 from tacauchy_rig.core.errors import ConvergenceError
 
 BALL = Sphere(diameter_m=6e-3)
@@ -19,7 +19,7 @@ BALL = Sphere(diameter_m=6e-3)
 @pytest.fixture(scope="module")
 def model() -> Model:
     """Return a quarter of a coarse block."""
-    return pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    return pad_model(brick_mesh((3, 3, 2), quarter=True), order=ElementOrder.P1)
 
 
 def _touching(model: Model, depth_m: float) -> State:

@@ -270,8 +270,6 @@ class BeyondStudy(Study):
 
     def line(self, result: Result) -> str:
         """Return what came of a press."""
-        if result.failure:
-            return f"{result.shows}: {result.failure}"
         found = result.found
         return (
             f"{result.shows}: {found['answer']} after {found['took_s']:.1f} s, silent for "

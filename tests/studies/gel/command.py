@@ -219,7 +219,7 @@ class GelStudy(Study):
 
     def line(self, result: Result) -> str:
         """Return what is missed."""
-        if result.failure or (all(result.found["held"]) and not result.found["accused"]):
+        if all(result.found["held"]) and not result.found["accused"]:
             return super().line(result)
         return f"{result.found['gel']}, {result.found['told']}, {result.found['accused']}"
 

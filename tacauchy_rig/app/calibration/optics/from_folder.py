@@ -304,8 +304,8 @@ def calibrate_and_check(
         presses=[
             {
                 "image": press.name,
-                "labelled": asdict(press.circle),
-                "nudged": asdict(circle),
+                "labelled": press.circle._asdict(),
+                "nudged": circle._asdict(),
                 "held_out_mae_levels": errors[press.name],
             }
             for press, circle in zip(presses, calibration.circles, strict=True)
@@ -325,7 +325,7 @@ def _provenance(
     for press in presses:
         digest.update(press.name.encode())
         digest.update(press.image.tobytes())
-        digest.update(repr(asdict(press.circle)).encode())
+        digest.update(repr(press.circle._asdict()).encode())
     return {
         "source": f"{len(presses)} ball presses in {request.folder.resolve().name}",
         "presses_sha256": digest.hexdigest(),

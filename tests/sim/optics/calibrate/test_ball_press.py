@@ -182,7 +182,7 @@ def test_a_wrong_label_is_named_with_evidence() -> None:
     scene = _marked_scene()
     press = _pressed(scene, 1)[0][0]
     assert wrong_label(press, scene, ball_radius_m=BALL_RADIUS_M) is None
-    label = replace(press.circle, x_px=press.circle.x_px + 45.0)
+    label = press.circle._replace(x_px=press.circle.x_px + 45.0)
     wrong = wrong_label(replace(press, circle=label), scene, ball_radius_m=BALL_RADIUS_M)
     assert wrong is not None
     assert "0000.png was left out: its label says column" in wrong

@@ -13,17 +13,10 @@ from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases import presses
 from sim.studies.hard_cases.dynamics import torsion
-from sim.studies.hard_cases.invariants import (
-    ENERGY_ROUNDING,
-    FORCE_ROUNDING,
-    gives_nothing_back,
-    random_start,
-    repeatable,
-    slide_and_return,
-)
+from sim.studies.hard_cases.invariants import random_start, repeatable, slide_and_return
 from sim.studies.hard_cases.precision import in_single_precision
-from sim.studies.hard_cases.small_pads import brick_mesh, pad_model, quarter_brick_mesh
-from sim.studies.hard_cases.study import CASES, HardCases, measured
+from sim.studies.hard_cases.small_pads import brick_mesh, pad_model
+from sim.studies.hard_cases.study import CASES, HardCases, has_passed, measured
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.study import About, Result
 
@@ -102,10 +95,10 @@ def test_page_says_what_passing_a_random_start_means() -> None:
 
 def test_rounded_cylinder_goes_down_by_four_fifths() -> None:
     """Every frame converges, the force rises, no element is turned inside out."""
-    outcome = presses.press_in("coarse", fillet_m=0.5e-3, bonded=True)
-    assert outcome.passed, outcome.measured
-    assert float(outcome.measured["min_jacobian_coarse"]) > 0.0
-    assert float(outcome.measured["force_end_coarse_n"]) > 20.0
+    found = presses.press_in("coarse", fillet_m=0.5e-3, bonded=True)
+    assert has_passed("4", found), found
+    assert float(found["min_jacobian_coarse"]) > 0.0
+    assert float(found["force_end_coarse_n"]) > 20.0
 
 
 def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
@@ -121,8 +114,8 @@ def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
 
 def test_slivers_cost_few_iterations() -> None:
     """The row itself, pressed less deep."""
-    outcome = presses.slivers(depth_m=0.2e-3)
-    assert outcome.passed, outcome.measured
+    found = presses.slivers(depth_m=0.2e-3)
+    assert has_passed("7", found), found
 
 
 LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
@@ -131,14 +124,13 @@ LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
 @pytest.mark.slow
 def test_sharp_rim_off_the_pad() -> None:
     """Half off and on a corner it balances and rises; beside the pad the message says where."""
-    indenters = {"cylinder": presses.INDENTERS["sharp_cylinder"]}
-    found = presses.off_the_pad(indenters, LINEAR)
-    assert found.passed, found.measured
-    forces = [float(found.measured[f"cylinder_{p}_force_n"]) for p in ("middle", "edge", "corner")]
+    found = presses.off_the_pad({"cylinder": presses.PUNCH}, LINEAR)
+    assert has_passed("16", found), found
+    forces = [float(found[f"cylinder_{p}_force_n"]) for p in ("middle", "edge", "corner")]
     # Half and a quarter of the face touch, on gel that has less around it.
     assert 0.2 < forces[1] / forces[0] < 0.5
     assert 0.05 < forces[2] / forces[0] < 0.25
-    assert "beside the pad" in str(found.measured["cylinder_beside"])
+    assert "beside the pad" in str(found["cylinder_beside"])
 
 
 def test_single_precision_source_has_no_double_left() -> None:
@@ -153,15 +145,13 @@ def test_the_same_press_gives_the_same_force() -> None:
 
     Not bit by bit: where MKL's arrays lie in memory may change the order in which it sums.
     """
-    measured = repeatable().measured
-    for where in ("same", "other"):
-        assert float(measured[f"deviation_{where}_process_relative"]) <= FORCE_ROUNDING
+    assert has_passed("19", repeatable())
 
 
 def test_friction_takes_energy_out_at_every_point() -> None:
     """Case 18: no point gives any back, and all of them together take what the indenter put in."""
     slide = slide_and_return()
-    assert gives_nothing_back(slide)
+    assert slide["point_min_j"] >= -5.7e-14 * slide["dissipated_j"]
     assert slide["dissipated_j"] > 0.0
     assert slide["dissipated_j"] == pytest.approx(slide["work_less_stored_j"], rel=0.05)
     assert slide["balance_relative"] <= 1e-6
@@ -176,19 +166,15 @@ def test_rigid_motion_and_patch_are_exact() -> None:
 
 def test_first_part_of_the_torsion_is_smooth() -> None:
     """Thirty degrees of it."""
-    outcome = torsion(turn_deg=30.0)
-    assert outcome.passed, outcome.measured
-    assert float(outcome.measured["torque_end_nm"]) > 2.5 * float(
-        outcome.measured["torque_first_step_nm"]
-    )
+    found = torsion(turn_deg=30.0)
+    assert has_passed("11", found), found
+    assert float(found["torque_end_nm"]) > 2.5 * float(found["torque_first_step_nm"])
 
 
 def test_random_starts_end_stationary() -> None:
     """Case 2: the energy never rises, and where it ends is said."""
-    outcome = random_start()
-    assert outcome.passed
-    measured = outcome.measured
-    assert float(measured["energy_rise_max_over_first"]) <= ENERGY_ROUNDING
+    measured = random_start()
+    assert has_passed("2", measured), measured
     at_rest = [int(measured[f"ended_at_rest_{order.value}"]) for order in ElementOrder]
     knotted = int(measured["ended_knotted_but_stationary"])
     assert sum(at_rest) + knotted == measured["starts"]
@@ -207,7 +193,7 @@ def test_random_starts_end_stationary() -> None:
 )
 def test_deep_starts_are_refused_unchanged(indenter: Indenter, depth_m: float, told: str) -> None:
     """Case 15: too deep, through its far side, or past its flank; the state is left as it was."""
-    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    model = pad_model(brick_mesh((3, 3, 2), quarter=True), order=ElementOrder.P1)
     path = LoadingPath(model, indenter)
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - depth_m]))
     with pytest.raises(ConvergenceError, match=told):
@@ -217,7 +203,7 @@ def test_deep_starts_are_refused_unchanged(indenter: Indenter, depth_m: float, t
 
 def test_a_shallow_start_inside_is_resolved() -> None:
     """Case 15: begun 0.5 mm inside the gel, the force is that of a press."""
-    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    model = pad_model(brick_mesh((3, 3, 2), quarter=True), order=ElementOrder.P1)
     indenter = Sphere(diameter_m=6e-3)
     path = LoadingPath(model, indenter)
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))

@@ -26,7 +26,7 @@ from sim.studies.modes.runs import (
     slide_mode,
     twist_mode,
 )
-from sim.studies.modes.study import PlaneCut, cut, modes_figure, sensors_figure
+from sim.studies.modes.study import modes_figure, section, sensors_figure
 
 BALL = Sphere(diameter_m=10e-3)
 DEPTH_M = 0.3e-3
@@ -141,37 +141,23 @@ def model() -> Model:
     )
 
 
-def areas_of(section: PlaneCut) -> np.ndarray:
-    """Return the triangles' areas [m^2]."""
-    a, b, c = (section.points_m[section.triangles[:, k]] for k in range(3))
-    u, v = b - a, c - a
-    return np.asarray(0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]))
+X, Z = np.linspace(-0.45, 0.45, 46) * SIZE, np.linspace(0.005, 1.035, 104) * HEIGHT
 
 
-def test_a_cut_covers_the_plane_once(model: Model) -> None:
-    """The triangles' areas sum to the rectangle's, each layer's to its share."""
-    section = cut(model, model.nodes)
-    areas = areas_of(section)
-    assert areas.sum() == pytest.approx(SIZE * HEIGHT, rel=1e-9)
-    assert areas[section.layers == 1].sum() == pytest.approx(0.25 * SIZE * HEIGHT, rel=1e-6)
-    assert np.abs(section.stress_pa).max() < 1e-3
-
-
-def test_slivers_are_little_of_a_cut(model: Model) -> None:
-    """Without them nothing is seen to be missing, and what is left is thick."""
-    section = cut(model, model.nodes)
-    thick = section.without_slivers(1e-3 * HEIGHT)
-    assert len(thick.triangles) == len(thick.layers) < len(section.triangles)
-    assert areas_of(thick).sum() == pytest.approx(SIZE * HEIGHT, rel=1e-3)
-    assert areas_of(thick).min() > 0.5 * (1e-3 * HEIGHT) ** 2
+def test_a_section_shows_the_gel_and_its_layers(model: Model) -> None:
+    """It ends at the gel's top; layers lie in their shares of the height."""
+    stress, layers = section(model, model.nodes, X, Z)
+    height = np.broadcast_to(Z[:, None] / HEIGHT, layers.shape)
+    assert np.array_equal(np.isnan(layers), height > 1.0)
+    assert np.array_equal(layers == 1, (height > 0.75) & (height < 1.0))
+    assert np.array_equal(np.isnan(stress[..., 0, 0]), np.isnan(layers))
+    assert np.nanmax(np.abs(stress)) < 1e-3
 
 
 def test_even_strain_gives_even_stress_in_each_layer(model: Model) -> None:
     """A stretch along z: the stress jumps between layers and is constant in each."""
-    stretched = model.nodes * (1.0, 1.0, 1.05)
-    section = cut(model, stretched, y_m=1e-3)
-    across = section.stress_pa[section.triangles][..., 2, 2]
-    soft, hard = across[section.layers == 0], across[section.layers == 1]
+    stress, layers = section(model, model.nodes * (1.0, 1.0, 1.05), X, Z, y_m=1e-3)
+    soft, hard = (stress[layers == layer][..., 2, 2] for layer in range(2))
     assert soft.min() == pytest.approx(soft.max(), rel=1e-9)
     assert hard.mean() == pytest.approx(4.0 * soft.mean(), rel=1e-6)
     assert hard.min() > 0.0
