@@ -184,7 +184,7 @@ class Frames:
         self._edged = body_of(replace(own_edges, rounding_m=0.0), device=self._device.name)
         moduli = self._device.array(light_pa, wp.float64)
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
-        wrenched = [history.arrives, *formed, history.touched]
+        wrenched = [history.arrives, *formed, descents.contact_buffers[2], history.touched]
         overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]
         now = [state, poses, self.motions, history]
         limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max

@@ -225,7 +225,7 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 _FULLY = wp.constant(wp.float64(0.03))
 # Where nothing reaches [m].
 FAR_M = wp.constant(wp.float64(1e9))
-WRENCH_THREADS = 512
+WRENCH_THREADS = 256
 """Of a block on a GPU."""
 
 _WrenchSums = wp.types.vector(length=9, dtype=wp.float64)
@@ -407,14 +407,22 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         numbers: wp.array2d(dtype=wp.int32),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
+        gaps: wp.array2d(dtype=wp.float64),
         # Data out:
         stiffness_out: wp.array3d(dtype=wp.mat33f),
         touching_out: wp.array2d(dtype=wp.int32),
     ):
-        # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
+        # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed;
+        # ``gaps`` those of all points where they are.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            _x, _gap, _density, _normal, _along, stiffness = contact_at(at, b, f, q, _LEAST_ALONG)
+            touches = gaps[b, f * at.surface.areas.shape[1] + q] < at.surface.distance
+            if wp.static(grips):
+                touches = touches or at.grip.held[b, f, q] > wp.float64(0.0)
+            stiffness = wp.mat33d()
+            if touches:
+                _x, _gap, _density, _normal, _along, found = contact_at(at, b, f, q, _LEAST_ALONG)
+                stiffness = found
             stiffness_out[b, f, q] = wp.mat33f(stiffness * at.surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
                 for k in range(at.surface.faces.shape[1]):
@@ -432,10 +440,12 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         others: wp.array3d(dtype=wp.float64),
         rest: wp.array(dtype=wp.vec3d),
         reach: wp.float64,
+        gaps: wp.array3d(dtype=wp.float64),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
-        # So many threads in turn have a point, and share its ``others`` and its face's points.
+        # So many threads in turn have a point, and share its ``others`` and its face's points. Of
+        # what is farther off than ``reach`` by the last ``gaps`` no point of the face touches.
         b, thread = wp.tid()
         if wanted[b] == 1:
             sums = _WrenchSums()
@@ -445,30 +455,34 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 part = i % parts
                 own = i // parts % points
                 f = i // (parts * points)
+                gap = gaps[b, f, own]
+                near = gap < reach
+                if wp.static(grips):
+                    near = near or at.grip.held[b, f, own] > wp.float64(0.0)
+                if not near:
+                    continue
                 here, x = met(at, b, f, own)
-                distance, n = nearby_gap(here, x, at.surface.distance)
                 touched = wp.float64(0.0)
                 for r in range(part, others.shape[1], parts):
                     there = wp.vec3d()
                     for k in range(others.shape[2]):
                         there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
-                    gap, _n = nearby_gap(here, there, at.surface.distance)
-                    into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
+                    beside, _n = nearby_gap(here, there, at.surface.distance)
+                    into = (at.surface.distance - beside) / (_FULLY * at.surface.distance)
                     touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
                 area = at.surface.areas[f, own]
                 sums[6] += area * touched / wp.float64(others.shape[1])
-                _density, slope, _change = normal_contact(at.surface, b, distance)
-                along = wp.vec3d()
-                if wp.static(grips):
-                    _more, along, _tangent = held_back(at, here, b, f, own, x, _EXACT)
+                _density, slope, _change = normal_contact(at.surface, b, gap)
                 formed = wp.float64(0.0)
-                if distance < at.surface.distance:
+                if gap < at.surface.distance:
                     for k in range(part, points, parts):
-                        _here, there = met(at, b, f, k)
-                        gap, _n = nearby_gap(here, there, at.surface.distance)
-                        _density, pressed, _change = normal_contact(at.surface, b, gap)
+                        _density, pressed, _change = normal_contact(at.surface, b, gaps[b, f, k])
                         formed += form[own, k] * pressed * slope
                 if part == 0:
+                    around, n = nearby_gap(here, x, reach)
+                    along = wp.vec3d()
+                    if wp.static(grips):
+                        _more, along, _tangent = held_back(at, here, b, f, own, x, _EXACT)
                     formed += wp.dot(along, along)
                     v = (n * slope + along) * area
                     moment = wp.cross(x - at.poses.tips[b], v)
@@ -477,7 +491,6 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                         sums[3 + k] += moment[k]
                     z = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
                     sums[8] -= slope * (wp.float64(1.0) + wp.dot(n, here.rotation * z)) * area
-                    around, _n = nearby_gap(here, x, reach)
                     if around < reach:
                         before = -at.poses.tips[b]
                         for k in range(others.shape[2]):
