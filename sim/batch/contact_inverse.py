@@ -93,7 +93,8 @@ class ContactInverse:
             threads = _THREADS if device.is_gpu else 1
             return device.record(kernel, (self._count, threads), inputs, threads)
 
-        at = [descents.pressed, c.faces, c.renews, c.stiffness, c.touching]
+        gaps = descents.memory.gaps
+        at = [descents.pressed, c.faces, c.renews, gaps, c.stiffness, c.touching]
         stiffen = device.record(made.stiffen, tuple(descents.contact_buffers[1].shape), at)
         given = [descents.sources, descents.found, self._corrected, self._tips]
         self._launches = (

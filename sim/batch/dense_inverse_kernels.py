@@ -82,24 +82,25 @@ def place(
     blocks: wp.array(dtype=wp.int32),
     few: wp.array(dtype=wp.int32),
 ):
-    """Give who asks the first columns, and blocks without any no matrix; over environments.
+    """Give who asks the first columns, and blocks without any no matrix; one block of threads.
 
     ``few`` is the one block of narrow products, which serve so many columns at most.
     """
-    b = wp.tid()
-    before = wp.int32(0)
+    thread = wp.tid()
     total = wp.int32(0)
-    for k in range(d.slot.shape[0]):
-        if d.act[k] == Act.SOLVE:
-            total += 1
-            if k < b:
-                before += 1
-    if d.act[b] == Act.SOLVE:
-        d.slot[b] = before
-    if b == 0:
+    for first in range(0, d.slot.shape[0], wp.block_dim()):
+        b = first + thread
+        asks = wp.int32(0)
+        if b < d.slot.shape[0] and d.act[b] == Act.SOLVE:
+            asks = 1
+        places = wp.tile_scan_inclusive(wp.tile(asks))
+        if asks == 1:
+            d.slot[b] = total + places[thread] - 1
+        total += places[wp.block_dim() - 1]
+    if thread == 0:
         few[0] = wp.where(total <= few_most, 0, -1)
-    if b < blocks.shape[0]:
-        blocks[b] = wp.where(b * width < total and total > few_most, 0, -1)
+    for k in range(thread, blocks.shape[0], wp.block_dim()):
+        blocks[k] = wp.where(k * width < total and total > few_most, 0, -1)
 
 
 @wp.kernel(enable_backward=False)

@@ -19,8 +19,6 @@ _CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 _MOST_BIAS = wp.constant(wp.float64(0.5))
 # What the known bias of a light contact may leave (``overlap_kernels``), relative to F_z.
 _LIGHT_LEFT = wp.constant(wp.float64(0.035))
-# Where nothing reaches [m].
-_NOWHERE = wp.constant(wp.float64(-1e9))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is between two parts of its way.
@@ -61,7 +59,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` adds, shape [..., 13]
+    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` gives, shape [..., 13]
     light: wp.array(dtype=wp.vec3d)  # what ``overlap_kernels.overlap`` tells
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame
@@ -257,8 +255,6 @@ def arrive(
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
-            for k in range(13):
-                history.touched[b, k] = wp.where(k < 9, wp.float64(0.0), _NOWHERE)
         elif motions.halved[b] < halvings_max and spent < evaluations_max:
             motions.halved[b] = motions.halved[b] + 1
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])

@@ -16,7 +16,7 @@ from sim.batch.sensor_model import (
     reach_of,
     resting_gel,
 )
-from sim.contact.barrier_and_friction_kernels import Pressed
+from sim.contact.barrier_and_friction_kernels import WRENCH_THREADS, Pressed
 from sim.contact.indenter_distance import body_of
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
@@ -176,20 +176,21 @@ class Frames:
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
         formed += [self._rest, wp.float64(reach_of(model))]
-        many, parts = (THREADS, tables[2].shape[1]) if self._device.is_gpu else (1, 1)
-        shared = (*points[:2], points[2] * parts)
+        is_gpu = self._device.is_gpu
+        many, shared, parts = (THREADS, WRENCH_THREADS, tables[2].shape[1]) if is_gpu else (1, 1, 1)
         at = [descents.pressed, history.arrives]
         # With their own edges, which they have where nothing else rounds them.
         own_edges: Any = descents.indenter
         self._edged = body_of(replace(own_edges, rounding_m=0.0), device=self._device.name)
         moduli = self._device.array(light_pa, wp.float64)
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
+        wrenched = [history.arrives, *formed, descents.contact_buffers[2], history.touched]
         overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]
         now = [state, poses, self.motions, history]
         limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max
         end = [
             record(kernels.arrive, own, [chosen.accepts_residual, *limits, *now]),
-            record(made.wrench, shared, [at[0], parts, at[1], *formed, history.touched]),
+            record(made.wrench, (*own, shared), [at[0], parts, *wrenched], shared),
             record(overlap, (*own, many), overlapped, many),
             record(kernels.note, own, [*biased, *now, self.found]),
         ]

@@ -16,6 +16,7 @@ which a point's face may touch. In the 91 of 110 drawn light presses on two sens
 
 import warp as wp
 
+from sim.contact.barrier_and_friction_kernels import FAR_M
 from sim.contact.indenter_distance import Body, Poses, nearby_gap, posed
 from sim.scene.triangle_distance import hit_below
 
@@ -35,7 +36,6 @@ _DEEP_FROM = wp.constant(wp.float64(0.25))
 # triangles need not be convex, and is met by the gap itself.
 _RISES, _MET_M = wp.constant(30), wp.constant(wp.float64(1e-9))
 _FLATTEST = wp.constant(wp.float64(1e-3))
-_FAR = wp.constant(wp.float64(1e9))  # in place of infinity [m]
 _Sums = wp.types.vector(length=8, dtype=wp.float64)
 
 
@@ -60,31 +60,19 @@ def _depth(body: Body, x: wp.vec3d) -> wp.float64:
         p = wp.transpose(body.rotation) * (x - body.position)
         depth = hit_below(body.surface, p, down)
     else:
-        gap, n = nearby_gap(body, x, _FAR)
+        gap, n = nearby_gap(body, x, FAR_M)
         if gap < zero:
             # Below all of the body, however it is tilted.
             wide = body.radius + wp.float64(2.0) * wp.length(body.surface.half)
             low = wide * wp.sqrt(down[0] * down[0] + down[1] * down[1])
             at = wp.vec3d(x[0], x[1], body.position[2] - low - _MET_M)
             for _ in range(_RISES):
-                gap, n = nearby_gap(body, at, _FAR)
+                gap, n = nearby_gap(body, at, FAR_M)
                 if gap < _MET_M or at[2] > x[2]:
                     break
                 at[2] += wp.where(body.is_mesh, gap, gap / wp.max(-n[2], _FLATTEST))
             depth = x[2] - at[2]
     return depth
-
-
-@wp.func
-def _total(value: wp.float64) -> wp.float64:
-    """Return the sum of a value over the threads of a block."""
-    return wp.tile_reduce(wp.add, wp.tile(value))[0]
-
-
-@wp.func
-def _least(value: wp.float64) -> wp.float64:
-    """Return the least of a value over the threads of a block."""
-    return wp.tile_reduce(wp.min, wp.tile(value))[0]
 
 
 @wp.kernel(enable_backward=False, launch_bounds=THREADS)
@@ -110,38 +98,35 @@ def overlap(
     ``reach`` [m]; poses hold tips ``standoff`` higher than the bodies are [m].
     """
     b, thread = wp.tid()
+    if wanted[b] == 0:
+        return
     zero, half = wp.float64(0.0), wp.float64(0.5)
     body = posed(bodies, poses, b)
     body.position = body.position - wp.vec3d(zero, zero, standoff)
-    high_x, high_y = wp.float64(touched[b, 9]), wp.float64(touched[b, 11])
-    low_x, low_y = -touched[b, 10], -touched[b, 12]
-    looks = wp.where(wanted[b] == 1 and high_x >= low_x, _LOOKS, 0)
+    # Along x, -x, y and -y.
+    ends = wp.vec4d(touched[b, 9], touched[b, 10], touched[b, 11], touched[b, 12])
     sums = _Sums()
     for look in range(_LOOKS):
-        step_x, step_y = (high_x - low_x) * _CELL, (high_y - low_y) * _CELL
-        least_x, least_y = wp.float64(_FAR), wp.float64(_FAR)
-        most_x, most_y = -least_x, -least_y
-        samples = wp.where(look < looks, _SAMPLES, 0)
+        step_x, step_y = (ends[0] + ends[1]) * _CELL, (ends[2] + ends[3]) * _CELL
+        most = wp.vec4d(-FAR_M, -FAR_M, -FAR_M, -FAR_M)
+        samples = wp.where(step_x < zero, 0, _SAMPLES)
         for p in range(thread, samples, wp.block_dim()):
-            x = low_x + (wp.float64(p % _SIDE) + half) * step_x
-            y = low_y + (wp.float64(p // _SIDE) + half) * step_y
+            x = (wp.float64(p % _SIDE) + half) * step_x - ends[1]
+            y = (wp.float64(p // _SIDE) + half) * step_y - ends[3]
             at_x, at_y = x + body.position[0], y + body.position[1]
             z = resting.height - at_x * at_x * resting.bend_x - at_y * at_y * resting.bend_y
             if wp.abs(at_x) < resting.half_x and wp.abs(at_y) < resting.half_y:
                 g = _depth(body, wp.vec3d(at_x, at_y, z))
                 if g > zero:
-                    least_x, most_x = wp.min(least_x, x), wp.max(most_x, x)
-                    least_y, most_y = wp.min(least_y, y), wp.max(most_y, y)
+                    most = wp.max(most, wp.vec4d(x, -x, y, -y))
                     if look == _LOOKS - 1:
                         sums += g * _Sums(wp.float64(1.0), g, x, y, z, x * x, y * y, x * y)
         if look < _LOOKS - 1:
-            low_x, high_x = _least(least_x) - step_x, step_x - _least(-most_x)
-            low_y, high_y = _least(least_y) - step_y, step_y - _least(-most_y)
-            if low_x > high_x:
-                looks = 0
-    for k in range(8):
-        sums[k] = _total(sums[k])
-    if thread == 0 and wanted[b] == 1:
+            farthest = wp.tile_reduce(wp.max, wp.tile(most, preserve_type=True))
+            ends = farthest[0] + wp.vec4d(step_x, step_x, step_y, step_y)
+    all_sums = wp.tile_sum(wp.tile(sums, preserve_type=True))
+    sums = all_sums[0]
+    if thread == 0:
         light_out[b] = wp.vec3d()
         if sums[0] > zero and moduli[b] > zero:
             depth, height = sums[1] / sums[0], sums[4] / sums[0]
@@ -152,9 +137,9 @@ def overlap(
             radius = wp.float64(0.25) * wp.sqrt(xx + yy + both + both) + half * wp.sqrt(both)
             force = _FORCE * moduli[b] * depth * radius * wp.exp(_NEAR_BASE * radius / height)
             four = wp.float64(4.0)
-            ends = wp.pow(radius / (_LIGHT * reach), four)
+            fades = wp.pow(radius / (_LIGHT * reach), four)
             if radius > zero:
-                ends += wp.pow(depth / (_STEEP * radius), four)
+                fades += wp.pow(depth / (_STEEP * radius), four)
                 light_out[b] = wp.vec3d(
-                    force, wp.exp(-ends), wp.max(depth / height - _DEEP_FROM, zero)
+                    force, wp.exp(-fades), wp.max(depth / height - _DEEP_FROM, zero)
                 )

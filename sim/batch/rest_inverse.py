@@ -30,6 +30,8 @@ _MOST_ROWS = 46_340
 _FEW = Tiling(row_tiles=1, column_tiles=1, depth_warps=8)
 _SOME, _SOME_COLUMNS = Tiling(row_tiles=6, column_tiles=4, depth_warps=4), 256
 _MANY = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
+# Threads of the block that counts who asks.
+_PLACERS = 1024
 
 
 class FactoredRest:
@@ -149,7 +151,7 @@ class DenseRest:
     def places(self, state: Any) -> Any:
         """Return a launch that gives who asks the first columns, so that few blocks are read."""
         inputs = [state, self._tiling.columns, _FEW.columns, self.blocks, self.few]
-        return self._device.record(kernels.place, (len(state.slot),), inputs)
+        return self._device.record(kernels.place, (_PLACERS,), inputs, _PLACERS)
 
     def apply(
         self,

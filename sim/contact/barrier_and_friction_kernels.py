@@ -223,6 +223,12 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
+# Where nothing reaches [m].
+FAR_M = wp.constant(wp.float64(1e9))
+WRENCH_THREADS = 256
+"""Of a block on a GPU."""
+
+_WrenchSums = wp.types.vector(length=9, dtype=wp.float64)
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -239,11 +245,12 @@ class ContactKernels:
     hold: Any
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
-    # Adds force [N] and moment about the tip [N m] on the indenter, what touches of the area at
+    # Gives force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
     # shear with a form of every face's pressures, times the face's share, summed up [N^2/m^2], and
     # what pressure adds up to [N] less its part along the indenter's axis. Then how far points
-    # that may touch rest from the tip, along x, -x, y and -y [m]
+    # that may touch rest from the tip, along x, -x, y and -y [m]. Over [environment_count, threads
+    # of a block]
     wrench: Any
     # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
     # point, by shares that are nowhere negative
@@ -400,21 +407,29 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         numbers: wp.array2d(dtype=wp.int32),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
+        gaps: wp.array2d(dtype=wp.float64),
         # Data out:
         stiffness_out: wp.array3d(dtype=wp.mat33f),
         touching_out: wp.array2d(dtype=wp.int32),
     ):
-        # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
+        # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed;
+        # ``gaps`` those of all points where they are.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            _x, _gap, _density, _normal, _along, stiffness = contact_at(at, b, f, q, _LEAST_ALONG)
+            touches = gaps[b, f * at.surface.areas.shape[1] + q] < at.surface.distance
+            if wp.static(grips):
+                touches = touches or at.grip.held[b, f, q] > wp.float64(0.0)
+            stiffness = wp.mat33d()
+            if touches:
+                _x, _gap, _density, _normal, _along, found = contact_at(at, b, f, q, _LEAST_ALONG)
+                stiffness = found
             stiffness_out[b, f, q] = wp.mat33f(stiffness * at.surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):
                 for k in range(at.surface.faces.shape[1]):
                     if numbers[f, k] >= 0:
                         touching_out[b, numbers[f, k]] = 1
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=WRENCH_THREADS)
     def wrench(
         at: Pressed,
         parts: wp.int32,
@@ -425,64 +440,68 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         others: wp.array3d(dtype=wp.float64),
         rest: wp.array(dtype=wp.vec3d),
         reach: wp.float64,
+        gaps: wp.array3d(dtype=wp.float64),
         # Data out:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
-        # So many threads in turn have a point, and share its ``others`` and its face's points.
-        b, f, thread = wp.tid()
+        # So many threads in turn have a point, and share its ``others`` and its face's points. Of
+        # what is farther off than ``reach`` by the last ``gaps`` no point of the face touches.
+        b, thread = wp.tid()
         if wanted[b] == 1:
-            own, part = thread // parts, thread % parts
-            here, x = met(at, b, f, own)
-            distance, n = nearby_gap(here, x, at.surface.distance)
-            touched = wp.float64(0.0)
-            for r in range(part, others.shape[1], parts):
-                there = wp.vec3d()
-                for k in range(others.shape[2]):
-                    there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
-                gap, _n = nearby_gap(here, there, at.surface.distance)
-                into = (at.surface.distance - gap) / (_FULLY * at.surface.distance)
-                touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
-            if touched > wp.float64(0.0):
-                share = at.surface.areas[f, own] / wp.float64(others.shape[1])
-                shift = at.surface.shift / at.surface.young[b]
-                wp.atomic_add(wrench_out, b, 6, repeatable(share * touched, shift))
-            _density, slope, _change = normal_contact(at.surface, b, distance)
-            along = wp.vec3d()
-            if wp.static(grips):
-                _more, along, _tangent = held_back(at, here, b, f, own, x, _EXACT)
-            formed = wp.float64(0.0)
-            if distance < at.surface.distance:
-                for k in range(part, at.surface.areas.shape[1], parts):
-                    _here, there = met(at, b, f, k)
-                    gap, _n = nearby_gap(here, there, at.surface.distance)
-                    _density, pressed, _change = normal_contact(at.surface, b, gap)
-                    formed += form[own, k] * pressed * slope
-            if part == 0:
-                formed += wp.dot(along, along)
-            if formed != wp.float64(0.0):
-                formed *= at.surface.areas[f, own] * shares[f]
-                formed = repeatable(formed, at.surface.shift * at.surface.young[b])
-                wp.atomic_add(wrench_out, b, 7, formed)
-            v = n * slope + along
-            around, _n = distance, n
-            if part == 0:
-                around, _n = nearby_gap(here, x, reach)
-            if part == 0 and around < reach:
-                before = -at.poses.tips[b]
-                for k in range(others.shape[2]):
-                    before += rest[at.surface.faces[f, k]] * at.surface.values[own, k]
-                for k in range(2):
-                    wp.atomic_max(wrench_out, b, 9 + 2 * k, before[k])
-                    wp.atomic_max(wrench_out, b, 10 + 2 * k, -before[k])
-            if part == 0 and wp.dot(v, v) > wp.float64(0.0):
-                axis = here.rotation * wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
-                aside = -slope * (wp.float64(1.0) + wp.dot(n, axis)) * at.surface.areas[f, own]
-                wp.atomic_add(wrench_out, b, 8, repeatable(aside, at.surface.shift))
-                force = repeatable(v * at.surface.areas[f, own], at.surface.shift)
-                moment = repeatable(wp.cross(x - at.poses.tips[b], force), at.surface.shift)
-                for k in range(3):
-                    wp.atomic_add(wrench_out, b, k, force[k])
-                    wp.atomic_add(wrench_out, b, 3 + k, moment[k])
+            sums = _WrenchSums()
+            far = wp.vec4d(-FAR_M, -FAR_M, -FAR_M, -FAR_M)
+            points = at.surface.areas.shape[1]
+            for i in range(thread, at.surface.areas.shape[0] * points * parts, wp.block_dim()):
+                part = i % parts
+                own = i // parts % points
+                f = i // (parts * points)
+                gap = gaps[b, f, own]
+                near = gap < reach
+                if wp.static(grips):
+                    near = near or at.grip.held[b, f, own] > wp.float64(0.0)
+                if not near:
+                    continue
+                here, x = met(at, b, f, own)
+                touched = wp.float64(0.0)
+                for r in range(part, others.shape[1], parts):
+                    there = wp.vec3d()
+                    for k in range(others.shape[2]):
+                        there += at.positions[b, at.surface.faces[f, k]] * others[own, r, k]
+                    beside, _n = nearby_gap(here, there, at.surface.distance)
+                    into = (at.surface.distance - beside) / (_FULLY * at.surface.distance)
+                    touched += wp.clamp(into, wp.float64(0.0), wp.float64(1.0))
+                area = at.surface.areas[f, own]
+                sums[6] += area * touched / wp.float64(others.shape[1])
+                _density, slope, _change = normal_contact(at.surface, b, gap)
+                formed = wp.float64(0.0)
+                if gap < at.surface.distance:
+                    for k in range(part, points, parts):
+                        _density, pressed, _change = normal_contact(at.surface, b, gaps[b, f, k])
+                        formed += form[own, k] * pressed * slope
+                if part == 0:
+                    around, n = nearby_gap(here, x, reach)
+                    along = wp.vec3d()
+                    if wp.static(grips):
+                        _more, along, _tangent = held_back(at, here, b, f, own, x, _EXACT)
+                    formed += wp.dot(along, along)
+                    v = (n * slope + along) * area
+                    moment = wp.cross(x - at.poses.tips[b], v)
+                    for k in range(3):
+                        sums[k] += v[k]
+                        sums[3 + k] += moment[k]
+                    z = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+                    sums[8] -= slope * (wp.float64(1.0) + wp.dot(n, here.rotation * z)) * area
+                    if around < reach:
+                        before = -at.poses.tips[b]
+                        for k in range(others.shape[2]):
+                            before += rest[at.surface.faces[f, k]] * at.surface.values[own, k]
+                        far = wp.max(far, wp.vec4d(before[0], -before[0], before[1], -before[1]))
+                sums[7] += formed * area * shares[f]
+            all_sums = wp.tile_sum(wp.tile(sums, preserve_type=True))
+            all_far = wp.tile_reduce(wp.max, wp.tile(far, preserve_type=True))
+            total, farthest = all_sums[0], all_far[0]
+            for k in range(thread, 13, wp.block_dim()):
+                wrench_out[b, k] = total[k] if k < 9 else farthest[k - 9]
 
     @wp.kernel(enable_backward=False, module="unique")
     def spread(
