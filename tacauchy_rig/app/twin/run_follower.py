@@ -23,7 +23,12 @@ from reports.evidence.frames_and_curves import (
     crop_and_resize,
     median_image,
 )
-from reports.scores.contact_scores import image_change, relative_residual, touched_by
+from reports.scores.contact_scores import (
+    contact_footprint,
+    contact_region,
+    image_change,
+    relative_residual,
+)
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.twin.press_follower import NO_FORCE_N, Follower, Goal, ImageOptions, TwinFrame
@@ -72,10 +77,11 @@ def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArr
     0 is perfect, 1 is what no contact would leave; None where the real image shows no contact.
     """
     change = image_change(real, unloaded)
-    seen = touched_by(change)
-    if seen is None:
+    footprint = contact_footprint(change)
+    if footprint is None:
         return None
-    found = relative_residual(change, image_change(simulated, unloaded), seen.region)
+    region = contact_region(footprint)
+    found = relative_residual(change, image_change(simulated, unloaded), region)
     return found if math.isfinite(found) else None
 
 

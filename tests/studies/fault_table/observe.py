@@ -9,7 +9,6 @@ from pathlib import Path
 
 from drivers.emulators.faults import Fault
 from drivers.emulators.process import post_fault
-from tacauchy_rig.app.session.record_run_and_weight_check import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.store.run_store import RunStore
@@ -211,7 +210,7 @@ class _Case:
         if exit_code == 0:
             return "".join(_starting_with(VERDICT, command.output())[-1:])
         if exit_code == 1:
-            return self._rig.without_places("\n".join(_starting_with(MISSED, command.errors())))
+            return self._rig.without_places("\n".join(_starting_with("missed: ", command.errors())))
         if exit_code != KILLED_EXIT_CODE:
             return self._rig.without_places(command.error_text())
         ends = [e for e in self._run.journal() if e.name in ("fault", "abort")]
