@@ -318,7 +318,8 @@ def press(
             )
             stack.callback(emulation.stop)
             output.say(f"starting emulated {', '.join(sorted(chosen))}")
-            running = emulation.start()
+            with doing("starting emulated devices"):
+                running = emulation.start()
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         if request.weight is None or config.force_sensor.is_emulated:

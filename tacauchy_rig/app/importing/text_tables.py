@@ -255,7 +255,7 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
 
 def _check_size(name: str, head: Sequence[str], count: int) -> None:
     if not count or not any(head):
-        raise RecordError(f"{name}: has no row below its head line", remedy="look at the file")
+        raise RecordError(f"{name} has no row below its head line", remedy="add a row a press")
     if count > ROWS_MOST or len(head) > COLUMNS_MOST:
         raise RecordError(
             f"{name}: {count} rows of {len(head)} columns; at most {ROWS_MOST} and "
