@@ -56,7 +56,7 @@ def parse_object(name: str) -> MeshIndenter:
     """Return a body by its name; raise ConfigError if there is none of this name."""
     if name not in OBJECTS:
         raise ConfigError(
-            f"--indenter object:{name}: no such object",
+            f"object:{name}: no such object",
             remedy=f"write object: and {', '.join(list(OBJECTS)[:-1])} or {list(OBJECTS)[-1]}",
         )
     return OBJECTS[name]()

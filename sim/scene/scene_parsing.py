@@ -12,7 +12,7 @@ from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.triangle_surface import MeshUnit
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, names, unknown
 
@@ -26,37 +26,36 @@ _LAYER = {
 }
 
 
+@naming("--pad")
 def parse_pad(text: str) -> Pad:
     """Read ``box:LxWxHmm``, ``disc:radius=...,height=...`` or ``mesh:FILE,unit=...``."""
     kind, _, sizes = text.partition(":")
     if kind == "box":
         parts = sizes.split("x")
         if len(parts) != 3:
-            raise ConfigError(
-                f"--pad box:{sizes}: needs three sizes", remedy="write box:20.75x25.25x4.5mm"
-            )
-        x, y, height = _with_one_unit(parts, Dimension.LENGTH, "--pad box")
+            raise ConfigError(f"{text}: needs three sizes", remedy="write box:20.75x25.25x4.5mm")
+        x, y, height = _with_one_unit(parts, Dimension.LENGTH, "box")
         return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
     if kind == "disc":
-        given = _sizes(sizes, _DISC, field="--pad disc")
+        given = _sizes(sizes, _DISC, field="disc")
         return DiscPad(radius_m=given["radius"], height_m=given["height"])
     if kind == "mesh":
-        file, unit = _file_and_unit(sizes, "--pad")
+        file, unit = _file_and_unit(sizes)
         return read_surface_pad(file, unit=unit)
     raise ConfigError(
-        f"--pad {text!r}: no such pad",
+        f"{text!r}: no such pad",
         remedy="write box:20.75x25.25x4.5mm, disc:radius=12mm,height=4.5mm or "
         "mesh:gel.stl,unit=mm, or use --sensor",
     )
 
 
-def _file_and_unit(text: str, option: str, *, default: str = "") -> tuple[Path, MeshUnit]:
+def _file_and_unit(text: str, *, default: str = "") -> tuple[Path, MeshUnit]:
     """Read ``FILE,unit=``: triangle files name no unit."""
     file, _, unit = text.partition(",unit=")
     unit = unit or default
     if unit not in set(MeshUnit):
         raise ConfigError(
-            f"{option} mesh:{text}: {f'no such unit {unit!r}' if unit else 'its unit is not said'}",
+            f"mesh:{text}: {f'no such unit {unit!r}' if unit else 'its unit is not said'}",
             remedy=f"write mesh:{file},unit=mm; units are {', '.join(MeshUnit)}",
         )
     return Path(file), MeshUnit(unit)
@@ -69,29 +68,30 @@ def parse_layer(text: str, *, law: str) -> Layer:
     return Layer(share=given["share"], material=material)
 
 
-def parse_indenter(text: str) -> Indenter:
-    """Read ``KIND:SIZES``: ours, or a kind that another package brings."""
+def parse_indenter(text: str, *, field: str = "--indenter") -> Indenter:
+    """Read ``KIND:SIZES``: ours, or a kind that another package brings; errors name the field."""
     kind, _, sizes = text.partition(":")
     if unknown(Kind.INDENTER, kind):
         ours = "cylinder:diameter=5mm", "sphere:diameter=15mm", "plane", "object:hexagon", "mesh:"
         brought = names(Kind.INDENTER)[len(ours) :]
         raise ConfigError(
-            f"--indenter {text!r}: no such indenter",
+            f"{field}: {text!r}: no such indenter",
             remedy=f"write {', '.join([*ours[:-1], *brought])} or mesh:part.stl,unit=mm",
         )
-    indenter: Indenter = load(Kind.INDENTER, kind)(sizes)
+    with naming(field):
+        indenter: Indenter = load(Kind.INDENTER, kind)(sizes)
     return indenter
 
 
 def parse_cylinder(sizes: str) -> Cylinder:
     """Read ``diameter=[,fillet=]``."""
-    given = _sizes(sizes, _CYLINDER, optional=("fillet",), field="--indenter cylinder")
+    given = _sizes(sizes, _CYLINDER, optional=("fillet",), field="cylinder")
     return Cylinder(diameter_m=given["diameter"], fillet_m=given.get("fillet", 0.0))
 
 
 def parse_sphere(sizes: str) -> Sphere:
     """Read ``diameter=``."""
-    return Sphere(diameter_m=_sizes(sizes, _ROUND, field="--indenter sphere")["diameter"])
+    return Sphere(diameter_m=_sizes(sizes, _ROUND, field="sphere")["diameter"])
 
 
 def parse_plane(_sizes: str) -> Plane:
@@ -102,8 +102,8 @@ def parse_plane(_sizes: str) -> Plane:
 def parse_mesh(text: str) -> MeshIndenter:
     """Read ``FILE[,unit=][,edge=]``; triangle files name no unit, so millimetres are assumed."""
     text, _, edge = text.partition(",edge=")
-    file, unit = _file_and_unit(text, "--indenter", default=MeshUnit.MILLIMETRE)
-    radius_m = parse_quantity(edge or "0mm", dimension=Dimension.LENGTH, field="--indenter edge")
+    file, unit = _file_and_unit(text, default=MeshUnit.MILLIMETRE)
+    radius_m = parse_quantity(edge or "0mm", dimension=Dimension.LENGTH, field="edge")
     return read_mesh_indenter(file, unit=unit, edge_m=radius_m)
 
 

@@ -67,8 +67,9 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
     if unit not in units:
         listed = ", ".join(known or "no unit" for known in units)
         problem = f'has the unit "{unit}"' if unit else "has no unit"
+        article = "an" if dimension[0] in "ai" else "a"
         raise ConfigError(
-            f'{field}: "{text}" {problem}; a {dimension.value} needs one of: {listed}',
+            f'{field}: "{text}" {problem}; {article} {dimension.value} needs one of: {listed}',
             remedy=remedy,
         )
     value = _scaled(number, units[unit])

@@ -5,6 +5,7 @@ is left. Both hold for the thread that began them.
 """
 
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +16,7 @@ from threading import Event, Thread
 
 from tacauchy_rig.core.errors import TimeLimitError
 
-_SILENT_S, _TICK_SHARE = 2.0, 0.1
+_SILENT_S, _TICK_SHARE, _LOADING = 2.0, 0.1, "loading the program"
 """A tick later than that it speaks, and on a busy computer later still: three seconds at most."""
 
 # How long processors are looked at [s], and what keeps them busy: threads hash it side by side.
@@ -81,7 +82,7 @@ def doing(what: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def told(say: Callable[[str], None], *, silent_s: float = _SILENT_S) -> Iterator[None]:
-    """Say every few seconds [s] what is done within, once it has been done for as long.
+    """Say every few seconds [s] what is done within, or that modules are loaded, if it takes long.
 
     Args:
         say: Called by another thread.
@@ -90,14 +91,20 @@ def told(say: Callable[[str], None], *, silent_s: float = _SILENT_S) -> Iterator
     token, over = _steps.set(steps), Event()
 
     def tell() -> None:
-        began = said = time.monotonic()
+        began = said = grown = time.monotonic()
+        known: float = len(sys.modules)
         while not over.wait(_TICK_SHARE * silent_s):
             now = time.monotonic()
-            if not steps:
+            if steps or now > grown + silent_s:
+                known = math.inf  # loaded: what is imported later is no step of its own
+            elif len(sys.modules) > known:
+                known, grown = len(sys.modules), now
+            doing_now = steps.copy() or [_LOADING] * (known < math.inf)
+            if not doing_now:
                 began = said = now
             elif now - said >= silent_s:
                 said = now
-                say(f"  {now - began:.0f} s: {': '.join(steps.copy())}")
+                say(f"  {now - began:.0f} s: {': '.join(doing_now)}")
 
     teller = Thread(target=tell, daemon=True)
     teller.start()

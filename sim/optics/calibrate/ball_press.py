@@ -90,8 +90,8 @@ class BallPress:
         return np.ones(shape, dtype=np.bool_) if self.hidden is None else ~self.hidden
 
 
-def read_rgb(path: Path) -> ImageArray:
-    """Read an image file as RGB, uint8, shape [height, width, 3].
+def read_rgb(path: Path, *, field: str = "image") -> ImageArray:
+    """Read an image file as RGB, uint8, shape [height, width, 3]; errors name the field.
 
     Raises:
         ConfigError: The file is missing or no image.
@@ -99,11 +99,10 @@ def read_rgb(path: Path) -> ImageArray:
     try:
         image = decode_rgb(path.read_bytes())
     except OSError as error:
-        raise ConfigError(
-            f"image {path} cannot be read: {error.strerror}", remedy="check the path"
-        ) from error
+        wrong = f"{field} {path} cannot be read: {error.strerror}"
+        raise ConfigError(wrong, remedy="check the path") from error
     if image is None:
-        raise ConfigError(f"{path} is not an image", remedy="give PNG or JPEG files")
+        raise ConfigError(f"{field} {path} is no whole PNG or JPEG", remedy="replace the file")
     return image
 
 

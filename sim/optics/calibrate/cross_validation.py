@@ -39,6 +39,7 @@ _SATURATED_WARN, _SATURATED_REFUSE = 0.01, 0.6
 _ODD_ONE_OUT, _FAR_NUDGE, _CONTRADICTORY_R2 = 2.5, 0.25, 0.5
 _FEW_SLOPES, _LITTLE_OF_THE_IMAGE = 0.9, 0.5
 _BINS = 24
+_SHALLOWEST_M = 1e-6  # a ball that sinks in less shows in no image
 _LISTED = 6  # images that a warning names
 _DRIFT_LEVELS, _MOVED_PX = 2.0, 1.0  # of which a warning tells
 # Of a shift of the camera: the detail that shows it, how sharply it has to, and around a contact
@@ -321,9 +322,9 @@ def check_before(
     """Return warnings of presses that nothing is fitted to yet; refuse those of no use."""
     for press in presses:
         radius_m = press.circle.radius_px * geometry.mean_scale_m
-        if radius_m >= LARGEST * ball_radius_m:
+        if radius_m >= LARGEST * ball_radius_m or radius_m**2 < 2.0 * _SHALLOWEST_M * ball_radius_m:
             raise ConfigError(
-                f"{press.name}: a contact of radius {radius_m * 1e3:.2f} mm cannot be of a ball of "
+                f"{press.name}: a contact of radius {radius_m * 1e3:.3g} mm cannot be of a ball of "
                 f"diameter {ball_radius_m * 2e3:.2f} mm",
                 remedy="correct the circle's radius_px, --scale or --ball-diameter",
             )
@@ -382,15 +383,18 @@ def check_after(
         for item, error in zip(held_out, errors, strict=True)
         if error > _ODD_ONE_OUT * usual
     ]
+    far = []
     for item in held_out:
         label, found = item.press.circle, item.circle
         move = np.abs(np.subtract(found, label)).max()
         if move > _FAR_NUDGE * label.radius_px:
-            warnings.append(
+            far.append(
                 f"{item.press.name}: the image wants its circle {move:.0f} px off the label "
                 f"({found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px)"
             )
-    return warnings
+    if len(far) > _LISTED and 2 * len(far) > len(held_out):
+        far = [f"{far[0]}, likewise {len(far) - 1} others; check --ball-diameter and --scale"]
+    return [*warnings, *far]
 
 
 def check_session(scores: CheckScores) -> list[str]:

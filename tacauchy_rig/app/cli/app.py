@@ -155,7 +155,7 @@ def options(
     del version
     logging.basicConfig(
         level=logging.DEBUG if debug else logging.WARNING,
-        format="%(asctime)s %(name)s %(levelname)s %(message)s",
+        format="%(asctime)s %(name)s " * debug + "%(levelname)s: %(message)s",
         stream=sys.stderr,
     )
 

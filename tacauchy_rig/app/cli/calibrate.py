@@ -108,18 +108,14 @@ def scale(
         )
     _show_scale(fit, points)
     geometry = fit.geometry
+    seen = ("rotation_rad", "mirrored", "centre_x_px", "centre_y_px")
+    fitted = ("rotation_error_rad", "centre_error_px", "shear_rad", "residual_px")
     found = {
         "scale_x_m_px": geometry.scale_x_m,
         "scale_y_m_px": geometry.scale_y_m,
         "scale_error_m_px": list(fit.scale_error_m),
-        "rotation_rad": geometry.rotation_rad,
-        "rotation_error_rad": fit.rotation_error_rad,
-        "mirrored": geometry.mirrored,
-        "centre_x_px": geometry.centre_x_px,
-        "centre_y_px": geometry.centre_y_px,
-        "centre_error_px": fit.centre_error_px,
-        "shear_rad": fit.shear_rad,
-        "residual_px": fit.residual_px,
+        **{name: getattr(geometry, name) for name in seen},
+        **{name: getattr(fit, name) for name in fitted},
         "width_px": geometry.width,
         "height_px": geometry.height,
         "points": points,
@@ -452,20 +448,18 @@ def _show_optics(result: OpticsResult) -> None:
         f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
         f"{result.coverage.image_share:.0%} of the image"
     )
-    output.say(
-        "                                  R2      error   SSIM   ring    (no-contact frame)"
-    )
+    output.say("                                R2      error   SSIM   ring    (no-contact frame)")
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:
             continue
         output.say(f"{name}: {scores.press_count} presses")
         for how, values in (
             ("circles nudged, frame's light", scores),
-            ("as labelled, frame's light", scores.as_labelled),
-            ("as labelled, no-contact light", scores.as_labelled_frames_as_they_came),
+            ("as given, frame's light", scores.as_labelled),
+            ("as given, no-contact light", scores.as_labelled_frames_as_they_came),
         ):
             output.say(
-                f"  {how:32}{values.r2:.4f}  {values.mae:5.2f}   {values.ssim_crop:.4f}  "
+                f"  {how:30}{values.r2:.4f}  {values.mae:5.2f}   {values.ssim_crop:.4f}  "
                 f"{values.ring_residual:.3f}  "
                 f"({values.r2_no_contact:.2f}, {values.mae_no_contact:.1f}, "
                 f"{values.ssim_crop_no_contact:.3f})"
@@ -495,7 +489,5 @@ def _scale(text: str) -> tuple[float, float]:
     x, y = parse_pair(text, Dimension.IMAGE_SCALE, "--scale")
     y = y if "," in text else x
     if not (x > 0.0 and y > 0.0):
-        raise ConfigError(
-            f'--scale: "{text}" is not positive', remedy="give pixels per mm, such as 19.58px/mm"
-        )
+        raise ConfigError(f'--scale: "{text}" is not positive', remedy="give one above 0 px/mm")
     return x, y

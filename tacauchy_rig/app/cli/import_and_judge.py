@@ -53,7 +53,7 @@ def import_(
         for sentence in (*imported.unknown, *imported.notes):
             complain(f"  {sentence}")
     say(f"run folder {store.paths.root}")
-    say(f"next: {command_line('calibrate', 'optics', store.paths.root)} if balls were pressed, or")
+    say(f"next: {command_line('calibrate', 'optics', store.paths.root)} for images of balls, or")
     say(f"      {command_line('replay', store.paths.root)}")
     return Found({"run": str(store.paths.root), "imported": imported})
 
@@ -104,6 +104,11 @@ def judge(
     from tacauchy_rig.app.replay.open_run import open_run
     from tacauchy_rig.app.replay.report_run import evidence_of
 
+    if not (folders or baselines or is_task):
+        raise ConfigError(
+            "there is nothing to judge",
+            remedy="name a FOLDER, or ask for --baseline rigid or --task",
+        )
     reading = open_run(run)
     evidence = evidence_of(reading)
     if is_task:
@@ -152,11 +157,6 @@ def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs
     from tacauchy_rig.app.judging.simulator_folder import Asked, read_outputs
     from tacauchy_rig.app.judging.task_and_baseline import references_of
 
-    if not folders:
-        raise ConfigError(
-            "there is nothing to judge",
-            remedy="name a FOLDER, or ask for --baseline rigid or --task",
-        )
     geometry = evidence.geometry
     asked = Asked(
         trials=tuple(t.index for t in evidence.trials),

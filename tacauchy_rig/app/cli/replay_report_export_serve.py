@@ -242,15 +242,16 @@ def serve(
         port: 0 takes a free one.
         open_: Open the page in a browser.
     """
-    import secrets
+    with doing("loading the pages"):
+        import secrets
 
-    import uvicorn
+        import uvicorn
 
-    from protocols.processes.child_process import listen
-    from protocols.processes.page.access_token import AccessRule
-    from tacauchy_rig.app.results.results_pages import ResultsServer, folder_of_runs
+        from protocols.processes.child_process import listen
+        from protocols.processes.page.access_token import AccessRule
+        from tacauchy_rig.app.results.results_pages import ResultsServer, folder_of_runs
 
-    root, only = folder_of_runs(folder)
+        root, only = folder_of_runs(folder)
     with listen(port, option="--port") as taken:
         number = taken.getsockname()[1]
         access = AccessRule(secrets.token_urlsafe(16), port=number)

@@ -316,7 +316,8 @@ def press(
                 unit=emulated_unit(sensor, markers=config.emulation.markers),
             )
             output.say(f"starting emulated {', '.join(sorted(chosen))}")
-            running = stack.enter_context(emulation).running
+            with doing("starting emulated devices"):
+                running = stack.enter_context(emulation).running
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         if request.weight is None or config.force_sensor.is_emulated:

@@ -66,7 +66,7 @@ def write_csv(run: Path, out: Path) -> None:
         recording, result = store.recording(trial, attempt), store.load_result(trial, attempt)
         if not recording.is_intact:
             logger.warning("%s: %s", recording.path, recording.describe())
-        with doing(f"exporting {folder.name}"):
+        with doing(folder.name):
             _write_force(recording, result, sign, folder / "force.csv")
             _write_arm(recording, folder / "arm.csv")
             frames = list(_frame_rows(recording, folder))

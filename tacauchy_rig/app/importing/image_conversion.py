@@ -73,7 +73,7 @@ def opened(data: bytes, *, name: str) -> tuple[Size, int]:
             kind = image.format
     except (Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
         # Pillow raises a SyntaxError where a PNG is broken.
-        kind, damage = "JPEG or PNG", str(error)
+        kind, damage = "JPEG or PNG", str(error).partition(" <")[0]
     if damage:
         raise RecordError(
             f"image {name}: no whole {kind} ({len(data)} bytes): {damage}",

@@ -438,17 +438,16 @@ def _indenters(recorded: Recorded, config: RigConfig, problems: Problems) -> lis
     known: dict[str, Indenter | None] = {"": None}
     if config.replay.indenter:
         with problems.noting():
-            known[""] = parse_indenter(config.replay.indenter)
+            known[""] = parse_indenter(config.replay.indenter, field="rig.replay.indenter")
     for press in recorded.presses:
         if press.indenter in known:
             continue
         known[press.indenter] = None
         try:
-            known[press.indenter] = parse_indenter(press.indenter)
+            known[press.indenter] = parse_indenter(press.indenter, field=press.indenter_at)
         except ConfigError as error:
-            told = error.message.removeprefix("--indenter ")
             also = " A word of your own has a term under [data.indenters]."
-            problems.add(f"{press.indenter_at}: {told}", remedy=f"{error.remedy}.{also}")
+            problems.add(error.message, remedy=f"{error.remedy}.{also}")
     return [known[press.indenter] for press in recorded.presses]
 
 

@@ -237,7 +237,7 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
 
 def _check_size(name: str, head: Sequence[str], count: int) -> None:
     if not count or not any(head):
-        raise RecordError(f"{name}: has no row below its head line", remedy="look at the file")
+        raise RecordError(f"{name} has no row below its head line", remedy="add a row a press")
     at_most(ROWS_MOST, count, f"{name}: {count} rows")
     at_most(COLUMNS_MOST, len(head), f"{name}: {len(head)} columns")
     twice = {cell for cell in head if cell and head.count(cell) > 1}

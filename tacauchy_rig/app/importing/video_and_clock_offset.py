@@ -489,7 +489,7 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, bool, 
             f"data.video: the times of {data.video!r} do not ascend", remedy="state data.frame_rate"
         )
     gaps = step_s[step_s > 1.5 * interval_s]
-    note = f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."
+    note = f"The video's own times were taken; gaps: {len(gaps)}, {gaps.sum():.2f} s in all."
     even_s = np.linspace(own_s[0], own_s[-1], len(own_s))
     shows = bool(np.abs(own_s - even_s).max() > COUNTED_S)
     return own_s, shows, [*told, *[note] * bool(len(gaps))]

@@ -223,7 +223,8 @@ def optics_and_frame(
     optics = nominal_optics(sensor) if given is None else calibrated_optics(str(given), sensor)
     if background is None:
         return optics, grey_frame(optics)
-    frame, shape = read_rgb(background), (optics.geometry.height, optics.geometry.width, 3)
+    frame = read_rgb(background, field="--background")
+    shape = (optics.geometry.height, optics.geometry.width, 3)
     if frame.shape != shape:
         raise ConfigError(
             f"background {background}: {frame.shape[1]} x {frame.shape[0]} px; the sensor's images "

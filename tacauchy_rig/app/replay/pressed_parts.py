@@ -109,9 +109,10 @@ def press_to_measured(
         replay, fields, records = _on_one_path(stiffer, fit, path)
     else:
         replay, fields, records = alone[0], [alone[1]], list(part.records)
+    measured = (r.force_measured_n for r in records)
     trials = tuple(
-        replace(trial, index=record.index, force_measured_n=_measured_n(record))
-        for trial, record in zip(replay.trials, records, strict=True)
+        replace(trial, index=record.index, force_measured_n=math.nan if force is None else force)
+        for trial, record, force in zip(replay.trials, records, measured, strict=True)
     )
     model = replay.model
     if fit is not None:
@@ -176,11 +177,6 @@ def _on_one_path(
         )
     replay = replace(found[0][0], trials=tuple(t for each, _ in found for t in each.trials))
     return replay, [each for _, fields in found for each in fields], with_force + without
-
-
-def _measured_n(record: TrialRecord) -> float:
-    """Return what was measured [N]; not a number where an imported run has depths alone."""
-    return math.nan if record.force_measured_n is None else record.force_measured_n
 
 
 def _stated_path(part: Part) -> ReferencePath | None:

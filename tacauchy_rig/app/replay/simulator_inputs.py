@@ -199,11 +199,7 @@ def indenter_of(config: RigConfig) -> Indenter:
         ConfigError: ``replay.indenter`` is not understood, or its file bounds no body.
     """
     if config.replay.indenter is not None:
-        try:
-            return parse_indenter(config.replay.indenter)
-        except ConfigError as error:
-            message = f"replay.indenter: {error.message.removeprefix('--indenter ')}"
-            raise ConfigError(message, remedy=error.remedy) from error
+        return parse_indenter(config.replay.indenter, field="replay.indenter")
     given = config.indenter
     if given.kind is IndenterKind.SPHERE:
         return Sphere(diameter_m=given.diameter)

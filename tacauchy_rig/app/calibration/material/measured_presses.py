@@ -10,6 +10,7 @@ import numpy as np
 
 from reports.evidence.frames_and_curves import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
+from sim.scene.scene_parsing import parse_indenter
 from tacauchy_rig.app.importing.source_files import Source
 from tacauchy_rig.app.importing.text_tables import Column, read_table
 from tacauchy_rig.app.replay.open_run import open_run
@@ -182,7 +183,7 @@ def _of_table(
     path: Path, *, overrides: Sequence[str], noise_n: float, contact_force_n: float
 ) -> Iterator[IndenterPresses]:
     source, whole = Source(path.resolve().parent), path.resolve().name
-    table, field = read_table(source, whole, field=str(path)), str(path)
+    table, field = read_table(source, whole, field="PRESSES"), "PRESSES"
     indenter, depth_name, force_name = COLUMNS
     names = np.array(table.text(indenter, field=field))
     depth_m, force_n = (
@@ -207,6 +208,7 @@ def _of_table(
         own = names == term
         rows = np.flatnonzero(own).tolist()
         order = list(dict.fromkeys(presses[k] for k in rows))
+        parse_indenter(term, field=f'{table.where(rows[0])}, column "{indenter}"')
         config = load_config(overrides=(*overrides, f'replay.indenter="{term}"')).config
         yield IndenterPresses(
             config=config,

@@ -115,7 +115,8 @@ def read_input(request: OpticsRequest) -> tuple[CameraGeometry, PressFolder, Pre
     for folder in (request.folder, request.check):
         if folder is not None and not folder.is_dir():
             raise ConfigError(f"{folder} is no folder", remedy="give a folder of images")
-    background = read_rgb(_in_folder_or_as_given(request.background, request.folder))
+    path = _in_folder_or_as_given(request.background, request.folder)
+    background = read_rgb(path, field="--background")
     height, width = background.shape[:2]
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)

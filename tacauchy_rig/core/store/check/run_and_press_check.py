@@ -407,10 +407,8 @@ def _force_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[st
         measured_n = None if record is None else record.force_measured_n
         pressed_n = None if math.isnan(trial.force_measured_n) else trial.force_measured_n
         if pressed_n != measured_n:
-            yield (
-                f"replay/{name} pressed trial {trial.index} to {pressed_n!r} N, "
-                f"result.json says {measured_n!r} N"
-            )
+            to, says = ("none" if n is None else f"{n!r} N" for n in (pressed_n, measured_n))
+            yield f"replay/{name} pressed trial {trial.index} to {to}, result.json says {says}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -517,5 +515,6 @@ def _changed_settings(journal: Journal) -> Iterator[str]:
 
 
 def _line(criterion: Criterion) -> str:
-    measured = f"{criterion.measured:.6g} {criterion.unit}".rstrip()
+    value = criterion.measured
+    measured = "not measured" if math.isnan(value) else f"{value:.6g} {criterion.unit}".rstrip()
     return f"{criterion.name}: {measured}, required: {criterion.limit} -> {criterion.remedy}"

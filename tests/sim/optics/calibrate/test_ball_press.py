@@ -100,7 +100,7 @@ def test_missing_table_is_refused(tmp_path: Path) -> None:
 def test_text_is_no_image(tmp_path: Path) -> None:
     """A file that is no image is refused by name."""
     (tmp_path / "a.png").write_text("not an image", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"a.png is not an image"):
+    with pytest.raises(ConfigError, match=r"a.png is no whole PNG"):
         read_rgb(tmp_path / "a.png")
 
 

@@ -173,9 +173,9 @@ def test_refusals(tmp_path: Path) -> None:
     out = ["--out", tmp_path / "c.npz"]
     assert "3 ball presses are too few" in _refused("optics", few, *OPTIONS, *out).message
     folder = _folder(tmp_path / "presses", count=6)
-    small = [*OPTIONS[:1], "2mm", *OPTIONS[2:]]
-    message = _refused("optics", folder, *small, *out).message
-    assert "cannot be of a ball of diameter 2.00 mm" in message
+    for size in ("2mm", "90m"):  # such a large one would not sink in
+        message = _refused("optics", folder, *OPTIONS[:1], size, *OPTIONS[2:], *out).message
+        assert "cannot be of a ball of diameter" in message
     flat = [*OPTIONS[:3], "0px/mm", *OPTIONS[4:]]
     assert "not positive" in _refused("optics", folder, *flat, *out).message
     assert "no .npz" in _refused("optics", folder, *OPTIONS, "--out", tmp_path / "c.txt").message

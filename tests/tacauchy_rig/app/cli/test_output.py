@@ -4,6 +4,8 @@ import errno
 import io
 import json
 import logging
+import sys
+import time
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -19,28 +21,14 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from protocols.trials.time_left import TimeLeft
+from tacauchy_rig.app.cli import output
+from tacauchy_rig.app.cli import session_progress as session
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.output import (
-    Steps,
-    compilation_told,
-    documented,
-    writable_folder,
-    write_json,
-)
-from tacauchy_rig.app.cli.session_progress import (
-    EMPTY,
-    FULL,
-    HOW_TO_STOP,
-    MARK,
-    PHASES,
-    PROGRESS,
-    SessionProgress,
-    force_bar,
-)
 from tacauchy_rig.core.config.field_ranges import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase
+from tacauchy_rig.core.time_limit_and_progress import told
 
 
 class _Colour(StrEnum):
@@ -50,7 +38,7 @@ class _Colour(StrEnum):
 def test_not_a_number_becomes_null(tmp_path: Path) -> None:
     """JSON knows no NaN, and a reader must not meet one."""
     path = tmp_path / "deep" / "out.json"
-    write_json(path, {"a": float("nan"), "b": np.array([1.0, np.inf]), "c": _Colour.RED})
+    output.write_json(path, {"a": float("nan"), "b": np.array([1.0, np.inf]), "c": _Colour.RED})
     assert json.loads(path.read_text()) == {"a": None, "b": [1.0, None], "c": "red"}
 
 
@@ -58,10 +46,10 @@ def test_unwritable_file_is_explained(tmp_path: Path) -> None:
     """The message names the file, and of a full disk its space and what to do."""
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="file: exists already"):
-        write_json(tmp_path / "file" / "out.json", {})
+        output.write_json(tmp_path / "file" / "out.json", {})
     full = patch.object(Path, "mkdir", side_effect=OSError(errno.ENOSPC, "No space left"))
     with full, pytest.raises(RecordError, match=r"no space left to write \(.* MB free\)") as told:
-        writable_folder(tmp_path / "out")
+        output.writable_folder(tmp_path / "out")
     assert "free some space" in told.value.remedy
     assert "--out" in told.value.remedy
 
@@ -79,7 +67,7 @@ def test_a_commands_docstring_describes_its_options() -> None:
             is_dry: Move nothing.
         """
 
-    (program := Typer(add_completion=False)).command()(documented(press))
+    (program := Typer(add_completion=False)).command()(output.documented(press))
     command = get_command(program)
     place, force, is_dry, _ = command.get_params(Context(command))
     assert command.help == "Press."
@@ -88,7 +76,7 @@ def test_a_commands_docstring_describes_its_options() -> None:
     assert (is_dry.opts, is_dry.secondary_opts, is_dry.help) == (["--dry"], [], "Move nothing.")
     press.__doc__ = "Press.\n\nArgs:\n    forse: How hard."
     with pytest.raises(KeyError, match="forse"):
-        documented(press)
+        output.documented(press)
 
 
 SOURCE = logging.getLogger("sim.device.compiled")
@@ -98,7 +86,7 @@ def test_the_first_compiled_kernel_is_announced_and_the_sum_is_told(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """One line when it begins to matter, one in the end; kernels that are found need no words."""
-    with compilation_told():
+    with output.compilation_told():
         for seconds in (30.0, 7.6):
             SOURCE.info("compiled", extra={"compiled_s": seconds})
     told = capsys.readouterr()
@@ -107,14 +95,24 @@ def test_the_first_compiled_kernel_is_announced_and_the_sum_is_told(
         "compiling kernels once for this computer; later presses find them",
         "compiling kernels once: 38 s",
     ]
-    with compilation_told():
+    with output.compilation_told():
         pass
     assert not capsys.readouterr().err
 
 
+def test_loading_is_told() -> None:
+    """What is imported before the first step is no silence."""
+    lines: list[str] = []
+    with patch.dict(sys.modules), told(lines.append, silent_s=0.5):
+        for number in range(30):
+            sys.modules[f"loaded_{number}"] = sys
+            time.sleep(0.03)
+    assert "loading the program" in lines[0]
+
+
 def test_steps_are_plain_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     """Each says what was done, of how many, and how long it goes on."""
-    with Steps() as steps:
+    with output.Steps() as steps:
         for done in range(3):
             steps("fit", done, 2)
     lines = [line.strip() for line in capsys.readouterr().err.splitlines()]
@@ -133,7 +131,7 @@ def test_a_folder_that_cannot_be_made_ends_the_command_first(tmp_path: Path, com
 
 def test_a_new_folder_is_made_and_left_empty(tmp_path: Path) -> None:
     """The probe leaves nothing behind."""
-    folder = writable_folder(tmp_path / "a" / "b")
+    folder = output.writable_folder(tmp_path / "a" / "b")
     assert list(folder.iterdir()) == []
 
 
@@ -197,13 +195,13 @@ EVENTS = (
     JournalEvent(
         stamp_ns=0, name="attempt-start", trial=2, attempt=1, detail={"force_target_n": 2}
     ),
-    JournalEvent.now(PROGRESS, force_n=1.5, height_m=0.1997),
+    JournalEvent.now(session.PROGRESS, force_n=1.5, height_m=0.1997),
 )
 
 
 def shown(width, *events, left_s=None):
     """Return the lines after events as a terminal of that width shows them."""
-    progress, out = SessionProgress(load_config(None).config, plan=()), io.StringIO()
+    progress, out = session.SessionProgress(load_config(None).config, plan=()), io.StringIO()
     for event in events:
         progress(event)
     with patch.object(TimeLeft, "seconds", return_value=left_s):
@@ -215,10 +213,10 @@ def test_force_target_time_and_the_way_to_stop_are_told():
     """Four lines of a usual terminal."""
     step, force, when, how = shown(100, *EVENTS, left_s=75.4)
     assert step == "  pressing to the target   trial 2 of 6"
-    assert force.startswith("   1.500 N " + FULL)
+    assert force.startswith("   1.500 N " + session.FULL)
     assert force.endswith(" of 2.000 ± 0.03 N, limit 6 N")
     assert when == "  about 1 min 15 s left   z 199.700 mm"
-    assert how.strip() == HOW_TO_STOP
+    assert how.strip() == session.HOW_TO_STOP
 
 
 def test_nothing_is_wrapped_on_a_narrow_terminal():
@@ -231,20 +229,20 @@ def test_nothing_is_wrapped_on_a_narrow_terminal():
 def test_before_the_first_force_nothing_is_made_up():
     """No target, no height, no time: those parts are left out."""
     lines = shown(80)
-    assert MARK not in lines[1]
+    assert session.MARK not in lines[1]
     assert lines[2].strip() == ""
 
 
 @given(force_n=st.floats(-20.0, 20.0), target_n=st.floats(0.0, 8.0), width=st.integers(10, 200))
 def test_a_bar_is_as_wide_as_asked(force_n, target_n, width):
     """Whatever the force: beyond the limit the bar is full, below nothing it is empty."""
-    bar = force_bar(force_n, target_n, limit_n=6.0, width=width)
+    bar = session.force_bar(force_n, target_n, limit_n=6.0, width=width)
     assert len(bar) == width
-    assert set(bar) <= {FULL, EMPTY, MARK}
-    assert (MARK in bar) == (target_n <= 6.0)
+    assert set(bar) <= {session.FULL, session.EMPTY, session.MARK}
+    assert (session.MARK in bar) == (target_n <= 6.0)
 
 
 def test_every_phase_has_words() -> None:
     """An operator reads no name of the program's."""
-    assert set(PHASES) == {phase.value for phase in Phase}
-    assert all(" " in words or words == "judging" for words in PHASES.values())
+    assert set(session.PHASES) == {phase.value for phase in Phase}
+    assert all(" " in words or words == "judging" for words in session.PHASES.values())
