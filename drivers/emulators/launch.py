@@ -124,7 +124,7 @@ class Emulation:
             for fault in map(parse_fault, asked.faults):
                 if fault.device in self.devices:
                     post_fault(self.folder, fault)
-        except DeviceError:
+        except BaseException:  # an operator's Ctrl-C too
             self.stop()
             raise
         logger.info("emulated devices: %s", ready)
