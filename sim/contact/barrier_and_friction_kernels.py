@@ -225,7 +225,7 @@ _LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0)
 _FULLY = wp.constant(wp.float64(0.03))
 # Where nothing reaches [m].
 FAR_M = wp.constant(wp.float64(1e9))
-WRENCH_THREADS = 256
+WRENCH_THREADS = 512
 """Of a block on a GPU."""
 
 _WrenchSums = wp.types.vector(length=9, dtype=wp.float64)
