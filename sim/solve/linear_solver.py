@@ -250,8 +250,8 @@ class StiffnessFactor:
             ConvergenceError: No safe matrix was found.
         """
         model = self._model
+        contact = model.surface.forces(state.positions, self._indenter, state)
         for attempt in range(first, 2 + len(_SHIFTS)):
-            contact = model.surface.forces(state.positions, self._indenter, state)
             data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
             shift = _SHIFTS[max(0, attempt - 2)]
             if shift > 0.0:

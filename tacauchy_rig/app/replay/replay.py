@@ -1,7 +1,8 @@
 """From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,7 +28,7 @@ from tacauchy_rig.core.config.settings import PoseSource
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, Replay, ResidualSplit
 from tacauchy_rig.core.store.run_store import ReplayFields
-from tacauchy_rig.core.time_limit_and_progress import say
+from tacauchy_rig.core.time_limit_and_progress import heard, say
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
@@ -41,6 +42,7 @@ def replay_run(
     tolerance: Tolerance | None = None,
     optics_file: Path | None = None,
     calibrate: Calibrate | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -49,6 +51,7 @@ def replay_run(
         optics_file: Calibration in place of the configured one.
         calibrate: How the sensor is calibrated where there is no calibration file; without it the
             file's nominal lamps are used. One part is pressed before it is called.
+        on_progress: Told every line of progress.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -56,6 +59,16 @@ def replay_run(
             indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
+    with nullcontext() if on_progress is None else heard(on_progress):
+        return _replayed_run(run, tolerance, optics_file, calibrate)
+
+
+def _replayed_run(
+    run: RunReading,
+    tolerance: Tolerance | None,
+    optics_file: Path | None,
+    calibrate: Calibrate | None,
+) -> Replay:
     config, parts = run.store.config, parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     given = config.sensor.optics_calibration if optics_file is None else str(optics_file)
