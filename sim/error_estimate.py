@@ -134,12 +134,11 @@ def estimated(
     Args:
         way: Of the mesh of the way, where that is another: it serves instead.
     """
-    if way is not None and scene.path_refinement is not None:
-        ratio = scene.path_refinement / scene.refinement
-        coarse = CoarsePress(ratio=ratio, outputs=way, processor_s=0.0)
-        return estimate_from(scene, plan, found, coarse)
     try:
-        coarse = coarse_press(*coarse_reference(scene, plan))
+        if way is None or scene.path_refinement is None:
+            coarse = coarse_press(*coarse_reference(scene, plan))
+        else:
+            coarse = CoarsePress(ratio=scene.path_refinement / scene.refinement, outputs=way)
     except RigError as error:
         return failed(error)
     return estimate_from(scene, plan, found, coarse)
@@ -178,10 +177,18 @@ def estimate_from(
     elif not is_ball:
         rule = _FINER_RIM
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
-    relative = {}
-    for output in Output:
-        slope, (_, rest, share) = _slope_of(rule, output, changes), rule[output]
-        of_the_mesh = slope * changes[output] + rest / refinement**2 + share * gap
+    relative, judged, basis = {}, guaranteed(scene), ""
+    for output, change in changes.items():
+        slope, rest, share = rule[output]
+        if change > _FITTED.get(output, math.inf):
+            slope = max(1.0, slope)
+        if output is judged:
+            basis = (
+                f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the "
+                f"{output.value} by {change:.2%}; {slope:g} * {change:.2%} + "
+                f"{rest / refinement**2:.2%}"
+            )
+        of_the_mesh = slope * change + rest / refinement**2 + share * gap
         relative[output] = of_the_mesh + plan.left_out(output)
     if scene.contact is ContactMode.FRICTIONLESS:
         relative[Output.SHEAR] = 0.0
@@ -193,21 +200,9 @@ def estimate_from(
     else:
         share = found.stiffness_n_m * found.depth_m / float(found.force_n[2])
         relative[Output.FORCE] = max(1.0, share) * relative[Output.DEPTH]
-    judged = guaranteed(scene)
-    slope, rest = _slope_of(rule, judged, changes), rule[judged][1]
-    basis = (
-        f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
-        f"{changes[judged]:.2%}; {slope:g} * {changes[judged]:.2%} + {rest / refinement**2:.2%}"
-    )
     if fell and judged is Output.FORCE:
         basis += f" + {fell:.2%} (fall in a load step)"
     omitted = plan.estimated_error
     return ErrorEstimate(
         relative=relative, basis=f"{basis} + {omitted:.2%} (effects left out)" if omitted else basis
     )
-
-
-def _slope_of(rule: _Rule, output: Output, changes: dict[Output, float]) -> float:
-    """Return how many times an output's change counts as its error."""
-    is_fitted = changes[output] <= _FITTED.get(output, math.inf)
-    return rule[output][0] if is_fitted else max(1.0, rule[output][0])

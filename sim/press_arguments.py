@@ -143,9 +143,11 @@ def _target(terms: SceneTerms, pad: Pad) -> Target:
 
 def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
     """Return the gel's layers, one for a gel of one material."""
-    one_material = terms.young is not None or terms.poisson is not None
+    young = _quantity(terms.young, Dimension.PRESSURE, "--young")
+    given = {"young_pa": young, "poisson": terms.poisson}
+    stated: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     known = () if sensor is None else sensor.layers
-    if one_material and (terms.layer or known):
+    if stated and (terms.layer or known):
         raise ConfigError(
             "--young and --poisson do not say which layer they are for",
             remedy="give every layer with --layer share=,young=,poisson=, from the base upwards",
@@ -154,21 +156,14 @@ def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
         return tuple(parsing.parse_layer(text, law=terms.law) for text in terms.layer)
     if known:
         return tuple(replace(k, material=replace(k.material, law=terms.law)) for k in known)
-    return (Layer(share=1.0, material=_material(sensor.material if sensor else None, terms)),)
-
-
-def _material(known: Material | None, terms: SceneTerms) -> Material:
-    young = _quantity(terms.young, Dimension.PRESSURE, "--young")
-    given = {"young_pa": young, "poisson": terms.poisson}
-    stated: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if known is not None:
-        return replace(known, law=terms.law, **stated)
-    if len(stated) < len(given):
+    if sensor is None and len(stated) < len(given):
         raise ConfigError(
             "--pad has no material of its own",
             remedy="give --young and --poisson too, or --layer for every layer",
         )
-    return Material(law=terms.law, **stated)
+    stated["law"] = terms.law
+    material = Material(**stated) if sensor is None else replace(sensor.material, **stated)
+    return (Layer(share=1.0, material=material),)
 
 
 def _quantity(text: str | None, dimension: Dimension, field: str) -> float | None:

@@ -142,13 +142,12 @@ def press_tilted(
         effects=tuple({**dict(scene.effects), **negligible}.items()),
     )
     path = path_for(tilted, full_plan(tilted))
-    history, moments = [], []
-    for force_n in forces_n:
-        point = path.push(force_n)
-        history.append((point.depth_m, float(point.force_n[2])))
-        moments.append(-float(contact_measures(path.model, point).moment_nm[1]))
+    points = [path.push(force_n) for force_n in forces_n]
+    about_y = [contact_measures(path.model, each).moment_nm[1] for each in points]
     return TiltedPress(
-        history=tuple(history), moments_nm=np.array(moments), outputs=outputs_of(path, point)
+        history=tuple((each.depth_m, float(each.force_n[2])) for each in points),
+        moments_nm=-np.array(about_y),
+        outputs=outputs_of(path, points[-1]),
     )
 
 

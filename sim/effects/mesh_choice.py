@@ -54,8 +54,21 @@ def mesh_choice(scene: Scene) -> tuple[MeshKind, str]:
     """Return the kind of mesh that a scene gets, and why it is that one."""
     if scene.preset is Preset.PAPER:
         return MeshKind.PAPER, "preset paper has the paper's mesh"
-    if against := _not_revolved(scene):
-        return MeshKind.FOOTPRINT, against
+    if isinstance(scene.pad, SurfacePad):
+        return MeshKind.FOOTPRINT, "the pad's surface comes from a file"
+    if isinstance(scene.indenter, MeshIndenter):
+        return MeshKind.FOOTPRINT, "the indenter is a mesh"
+    tilt = math.hypot(*scene.motion.tilt_rad)
+    if tilt != 0.0 and not isinstance(scene.indenter, Sphere):
+        rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
+        share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
+        if rise > share * mesh_depth(scene):
+            why = "the indenter is tilted so far that it touches on one side"
+            return MeshKind.FOOTPRINT, why
+    start = np.array(contact_centre(scene))
+    ways = np.stack([start, start + np.array(scene.motion.shift_m)])
+    if scene.pad.distance_to_outline(ways).min() < _MARGIN_SHARE * contact_reach(scene):
+        return MeshKind.FOOTPRINT, "the indenter's edge lies beside the pad"
     return MeshKind.REVOLVED, "round, upright, its edge all on the pad"
 
 
@@ -110,25 +123,6 @@ def mesh_depth(scene: Scene) -> float:
     if scene.target.depth_m is None and isinstance(scene.indenter, MeshIndenter):
         return share
     return expected_depth(scene) or share
-
-
-def _not_revolved(scene: Scene) -> str:
-    """Say why no revolved mesh serves a scene, or nothing."""
-    if isinstance(scene.pad, SurfacePad):
-        return "the pad's surface comes from a file"
-    if isinstance(scene.indenter, MeshIndenter):
-        return "the indenter is a mesh"
-    tilt = math.hypot(*scene.motion.tilt_rad)
-    if tilt != 0.0 and not isinstance(scene.indenter, Sphere):
-        rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
-        share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
-        if rise > share * mesh_depth(scene):
-            return "the indenter is tilted so far that it touches on one side"
-    start = np.array(contact_centre(scene))
-    ways = np.stack([start, start + np.array(scene.motion.shift_m)])
-    if scene.pad.distance_to_outline(ways).min() < _MARGIN_SHARE * contact_reach(scene):
-        return "the indenter's edge lies beside the pad"
-    return ""
 
 
 _DIHEDRAL_MIN_RAD = math.radians(2.0)

@@ -3,7 +3,7 @@
 ``sim.effects.effect_choice`` tries the effects that stay open on coarse meshes.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from sim.effects import depth_and_inertia_scales as estimates
@@ -86,25 +86,24 @@ def full_plan(scene: Scene) -> EffectPlan:
     Raises:
         ConfigError: The user switched something on that cannot be.
     """
-    rows = {}
-    for effect, (on, reason) in _decisions(scene).items():
-        # What leaves finite strain out is the law that was asked for.
-        asked = effect is Effect.FINITE_STRAIN and not on
-        # What is not there costs nothing; what the rest would, nobody has tried yet.
-        costs: dict[Output, float] | None = None if on else {}
-        rows[effect] = PlannedEffect(effect=effect, on=on, reason=reason, costs=costs, asked=asked)
-    for effect, on in scene.effects:
-        called = rows[effect]
-        if on and not called.on and effect in _CANNOT_BE_ADDED:
+    rows, switched = {}, dict(scene.effects)
+    for effect, (called_for, reason) in _decisions(scene).items():
+        on = switched.get(effect, called_for)
+        if on and not called_for and effect in _CANNOT_BE_ADDED:
             raise ConfigError(
-                f"effect {effect.value} cannot be switched on: {called.reason}",
+                f"effect {effect.value} cannot be switched on: {reason}",
                 remedy=_CANNOT_BE_ADDED[effect],
             )
-        if on != called.on:
-            reason = f"switched by the user; {called.reason}"
-            called = replace(called, on=on, reason=reason, costs=None)
-        rows[effect] = replace(called, asked=True)
-    return EffectPlan(rows={effect: rows[effect] for effect in Effect})
+        rows[effect] = PlannedEffect(
+            effect=effect,
+            on=on,
+            reason=reason if on == called_for else f"switched by the user; {reason}",
+            # What is not there costs nothing; what the rest would, nobody has tried yet.
+            costs=None if on or called_for else {},
+            # What leaves finite strain out is the law that was asked for.
+            asked=effect in switched or (effect is Effect.FINITE_STRAIN and not called_for),
+        )
+    return EffectPlan(rows=rows)
 
 
 def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:

@@ -4,7 +4,6 @@ import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from io import BytesIO
 from itertools import combinations
 from pathlib import Path
@@ -99,11 +98,8 @@ def stored_mesh(label: str, key: str, make: Callable[[], TetMesh]) -> TetMesh:
         RecordError: The stored file is damaged.
     """
     name = f"{label}-{key}.npz"
-    shipped = resources.files("sim.mesh.shipped").joinpath(name)
-    if shipped.is_file():
-        with resources.as_file(shipped) as path:
-            return read_mesh(path)
-    path = cache_folder() / name
+    shipped = Path(__file__).with_name("shipped") / name
+    path = shipped if shipped.is_file() else cache_folder() / name
     if not path.is_file():
         write_mesh(path, make())
     return read_mesh(path)

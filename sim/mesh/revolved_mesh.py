@@ -174,16 +174,14 @@ def revolved_mesh(
     """Mesh a pad.
 
     Args:
-        centre_m: Axis of revolution, x and y [m], inside the pad.
+        centre_m: Axis of revolution, x and y [m], farther inside the pad than ``end_m``.
         symmetry: Planes through the axis that mirror pad and press, of which half or a quarter is
             meshed; None for all on which the axis lies.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.
-
-    Raises:
-        ConfigError: The axis stands outside the pad.
     """
     centre = np.array(centre_m)
-    round_m = _round_radius(pad, grading, centre)
+    margin = float(pad.distance_to_outline(centre[None, :])[0])
+    round_m = min(_ROUND_SHARE * grading.end_m, 0.5 * (margin + grading.end_m))
     if symmetry is None:
         symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
     angles, reaches, mean_reach = _sectors(pad, centre, sector_count, symmetry)
@@ -209,18 +207,6 @@ def revolved_mesh(
         vertices=vertices, tets=tets, name=name, symmetry=symmetry, layers=layers, axis_m=centre_m
     )
     return oriented(mesh)
-
-
-def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:
-    """Return up to where circles about the axis stay circles [m]; refuse an edge off the pad."""
-    margin = float(pad.distance_to_outline(centre[None, :])[0])
-    if margin <= grading.end_m:
-        raise ConfigError(
-            f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
-            f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
-            remedy="move the indenter inwards",
-        )
-    return min(_ROUND_SHARE * grading.end_m, 0.5 * (margin + grading.end_m))
 
 
 def _sectors(

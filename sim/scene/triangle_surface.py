@@ -10,7 +10,6 @@ import importlib
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
@@ -73,20 +72,11 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
     reader = pyvista.get_reader(str(path)).reader
     if path.suffix.lower() == ".stl":
         reader.MergingOff()
-    complaints: list[str] = []
-
-    def note(_source: Any, _event: str, text: str) -> None:
-        complaints.append(text)
-
-    note.CallDataType = "string0"  # type: ignore[attr-defined]
     # Unobserved, VTK prints what is wrong with a file and goes on.
-    for source in (reader, reader.GetExecutive()):
-        source.AddObserver("ErrorEvent", note)
-    reader.AddObserver("WarningEvent", lambda *_: None)
-    reader.Update()
-    if complaints:
-        # "ERROR: In FILE, line N", then "vtkSTLReader (0x...): what is wrong".
-        why = complaints[0].strip().split("): ", maxsplit=1)[-1].rstrip(".")
+    with pyvista.VtkErrorCatcher(send_to_logging=False) as told:
+        reader.Update()
+    if errors := [each for each in told.events if each.kind == "ERROR"]:
+        why = errors[0].alert.strip().rstrip(".")
         raise ConfigError(
             f"{path} of {path.stat().st_size} bytes is damaged or no "
             f"{path.suffix[1:].upper()} file: {why}",
