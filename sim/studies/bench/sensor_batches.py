@@ -137,7 +137,7 @@ def _pressed(
     """Return a row, and the forces of every press."""
     of, pad = unlike_bodies(), _box(scene)
     which, poses = draw_poses(pad, of, count, seed=seed)
-    path = [poses, slid(poses, seed=seed)] if rubs else [poses]
+    path = np.stack([poses, slid(poses, seed=seed)] if rubs else [poses])
     friction = np.random.default_rng(seed).uniform(size=count) if rubs else None
     started = time.perf_counter()
     model = sensor_model(pad, scene.material, edge_m=edge_m, friction=float(rubs), device=device)
@@ -151,15 +151,14 @@ def _pressed(
         camera.images(batch.positions, batch.poses.tips, batch.poses.rotations)
         Device(device).synchronise()
 
-    for at in path:
-        batch.step(at)  # compiles its kernels
+    batch.follow(path)  # compiles its kernels
     outputs()
     batch.reset()
     started = time.perf_counter()
-    steps = [batch.step(at) for at in path]
+    felt = batch.follow(path)
     took = time.perf_counter() - started
     outputs()
-    evaluations = np.sum([step.evaluations for step in steps], axis=0)
+    evaluations = felt.evaluations.sum(axis=0)
     row = {
         "device": device,
         "seed": seed,
@@ -171,13 +170,13 @@ def _pressed(
         "presses [s]": took,
         "with image, height map, tractions [s]": time.perf_counter() - started,
         "a press [ms]": 1e3 * took / count,
-        "found": int(np.logical_and.reduce([step.valid for step in steps]).sum()),
+        "found": int(felt.valid.all(axis=0).sum()),
         "evaluations, mean": float(evaluations.mean()),
         "evaluations, median": float(np.median(evaluations)),
         "evaluations, 95 %": float(np.percentile(evaluations, 95.0)),
         "evaluations, most": int(evaluations.max()),
     }
-    return row, steps[-1]
+    return row, felt[-1]
 
 
 def unlike_table(rows: Sequence[Row]) -> Table:
