@@ -23,7 +23,7 @@ from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
 # Steps of a descent between two looks at who has arrived: a look is up to ten launches.
-_STEPS_ON_GPU = 2
+_STEPS_ON_GPU = 3
 _LOWERINGS = 40
 # Of the most steps of a descent: evaluations in a frame after which none is begun in smaller parts.
 _GIVES_UP = 6
