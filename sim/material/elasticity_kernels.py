@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sim.device import constant_table, repeatable, start_warp
-from sim.material.laws.law_and_lame import Law, Tangent, cofactor, tangent_block
+from sim.material.laws.law_and_lame import Law, Tangent, block_of, cofactor
 from sim.mesh.elements import ElementOrder, reference_element
 
 start_warp()
@@ -18,6 +18,8 @@ start_warp()
 
 # Volume ratio below which a point remembers no more than at it.
 _CRUSHED = wp.constant(wp.float64(0.05))
+# Blocks of a node with every one of an element.
+_Blocks = wp.types.matrix(shape=(10, 9), dtype=wp.float64)
 # Rounding leaves so much of a gradient that is zero.
 _ZERO = 1e-14
 
@@ -179,20 +181,29 @@ def hessian(
     """
     e, i = wp.tid()
     inverse = wp.transpose(gel.inverse_jacobians[e])
+    total = _Blocks()
+    for q in range(tangents.shape[1]):
+        g = inverse * gel.reference_gradients[q, i]
+        by_gradient = block_of(tangents[e, q], g)
+        if history.shape[0] > 0:
+            bent = history[e, q] * g
+            for k in range(3):
+                for diagonal in range(3):
+                    by_gradient[4 * diagonal, k] += bent[k]
+        for j in range(i, blocks.shape[2]):
+            added = by_gradient * (inverse * gel.reference_gradients[q, j])
+            for k in range(9):
+                total[j, k] += added[k]
     for j in range(i, blocks.shape[2]):
         slot = blocks[e, i, j]
         if slot >= 0:
-            total = wp.mat33d()
-            for q in range(tangents.shape[1]):
-                g = inverse * gel.reference_gradients[q, i]
-                h = inverse * gel.reference_gradients[q, j]
-                total += tangent_block(tangents[e, q], g, h)
-                if history.shape[0] > 0:
-                    bent = wp.dot(history[e, q] * g, h)
-                    total += wp.identity(n=3, dtype=wp.float64) * bent
+            block = wp.mat33d()
+            for k in range(3):
+                for m in range(3):
+                    block[k, m] = total[j, 3 * k + m]
             if slot % 2 == 1:
-                total = wp.transpose(total)
-            wp.atomic_add(values_out, slot // 2, total)
+                block = wp.transpose(block)
+            wp.atomic_add(values_out, slot // 2, block)
 
 
 @cache

@@ -76,12 +76,24 @@ def cofactor(F: Any) -> Any:
     )
 
 
+BlockOf = wp.types.matrix(shape=(9, 3), dtype=wp.float64)
+
+
 @wp.func
-def tangent_block(t: Tangent, g: wp.vec3d, h: wp.vec3d) -> wp.mat33d:
-    """Return the block of two shape gradients."""
-    Gg, Gh = t.deformation * g, t.deformation * h
-    Cg, Ch = t.cofactor * g, t.cofactor * h
-    w = (t.deformation * wp.cross(g, h)) * t.e
-    block = wp.outer(Gg * t.b + Cg * t.c, Gh) + wp.outer(Gg * t.c + Cg * t.d, Ch)
-    s = t.a * wp.dot(g, h)
-    return block + wp.mat33d(s, w[2], -w[1], -w[2], s, w[0], w[1], -w[0], s)
+def block_of(t: Tangent, g: wp.vec3d) -> BlockOf:
+    """Return what times another shape gradient is the block of both, row by row."""
+    G, C = t.deformation, t.cofactor
+    Gg, Cg = G * g, C * g
+    p, r = Gg * t.b + Cg * t.c, Gg * t.c + Cg * t.d
+    w = (G * wp.skew(g)) * t.e
+    found = BlockOf()
+    for k in range(3):
+        for a in range(3):
+            for b in range(3):
+                found[3 * a + b, k] = p[a] * G[b, k] + r[a] * C[b, k]
+            found[4 * a, k] += t.a * g[k]
+            # Of the cross product's matrix.
+            after, last = (a + 1) % 3, (a + 2) % 3
+            found[3 * a + after, k] += w[last, k]
+            found[3 * a + last, k] -= w[after, k]
+    return found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.material.laws.law_and_lame import Law, law, tangent_block
+from sim.material.laws.law_and_lame import Law, block_of, law
 from sim.material.laws.paper_eq4 import free_stretch
 from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
@@ -26,6 +26,9 @@ LAMBDA_PA = YOUNG_PA * POISSON / ((1.0 + POISSON) * (1.0 - 2.0 * POISSON))
 _STEP = 1e-6
 
 
+_Rows = wp.types.vector(length=9, dtype=wp.float64)
+
+
 @cache
 def _kernel(law: Law) -> Any:
     energy, stress, tangent = law.energy, law.stress, law.tangent
@@ -38,14 +41,14 @@ def _kernel(law: Law) -> Any:
         h: wp.vec3d,
         energies_out: wp.array(dtype=wp.float64),
         stresses_out: wp.array(dtype=wp.mat33d),
-        blocks_out: wp.array(dtype=wp.mat33d),
+        blocks_out: wp.array(dtype=_Rows),
     ):
         i = wp.tid()
         F = deformations[i]
         energies_out[i] = energy(F, parameters)
         stresses_out[i] = stress(F, parameters)
         t = tangent(F, parameters)
-        blocks_out[i] = tangent_block(t, g, h)
+        blocks_out[i] = block_of(t, g) * h
 
     return evaluate
 
@@ -57,18 +60,18 @@ def evaluated(
 
     Args:
         deformations: F, shape [count, 3, 3].
-        g: Shape gradient of the rows' node, as ``tangent_block`` takes it.
+        g: Shape gradient of the rows' node, as ``block_of`` takes it.
         h: Shape gradient of the columns' node.
     """
     count = len(deformations)
-    kinds = (wp.float64, wp.mat33d, wp.mat33d)
+    kinds = (wp.float64, wp.mat33d, _Rows)
     out = [wp.zeros(count, dtype=kind, device="cpu") for kind in kinds]
     given = wp.array(np.ascontiguousarray(deformations), dtype=wp.mat33d, device="cpu")
     parameters = wp.vec4d(*law.parameters(YOUNG_PA, POISSON))
     inputs = [given, parameters, wp.vec3d(*g), wp.vec3d(*h)]
     wp.launch(_kernel(law), dim=count, inputs=inputs, outputs=out, device="cpu")
     energies, stresses, blocks = (array.numpy() for array in out)
-    return energies, stresses, blocks
+    return energies, stresses, blocks.reshape(-1, 3, 3)
 
 
 def energy(law: Law, F: FloatArray) -> float:
