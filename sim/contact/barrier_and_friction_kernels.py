@@ -14,8 +14,8 @@ the offset from there, at an energy of 1 / c. That is the same force as from an 
 but what is lagged is c, not a place that would run after the point. When the step has ended, the
 place is the anchor.
 
-The kernels are compiled for whether anything resists along the surface. All launch over
-[environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
+The kernels are compiled for whether anything resists along the surface. All but ``wrench`` launch
+over [environment_count, face_count, face_point_count], and skip environments not ``wanted``.
 """
 
 from dataclasses import dataclass

@@ -203,10 +203,16 @@ def read_npz(data: bytes, *, name: str, wanted: Iterable[str] = ()) -> dict[str,
 
 
 def read_npy(data: bytes, *, name: str) -> AnyArray:
-    """Return the array of an ``.npy``'s bytes. RecordError: It is damaged, or a pickle of objects.
+    """Return the array of an ``.npy``'s bytes.
 
-    One that says to be larger than its bytes are is never made room for.
+    Raises:
+        RecordError: It is damaged, has bytes beyond its array, or is a pickle of objects.
     """
-    remedy = "save plain numbers or images; docs/reference/file-formats.md converts pickles"
+    remedy = "copy it anew, or save plain numbers or images: "
+    remedy += "docs/reference/file-formats.md converts pickles"
     with whole(name, "NumPy array (pickles are never loaded)", remedy=remedy):
-        return np.asarray(npy.read_array(io.BytesIO(data), allow_pickle=False))
+        stream = io.BytesIO(data)
+        found = np.asarray(npy.read_array(stream, allow_pickle=False))
+        if left := len(data) - stream.tell():
+            raise ValueError(f"{left} bytes beyond {found.shape} of {found.dtype}")
+        return found
