@@ -283,5 +283,5 @@ def correction(
         depth_m=depth,
         error_relative=left,
         bias_relative=bias,
-        basis=f"corrected for the bias of the mesh, {bias:.2%} of F_z at a given depth",
+        basis=f"remaining after correction for the mesh bias ({bias:.2%} of F_z at a given depth)",
     )

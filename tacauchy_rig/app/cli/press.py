@@ -280,12 +280,12 @@ def _show(scene: Scene, result: PressResult, allowed: float | None) -> None:
             f"tolerance, {allowed:.2%}; a smaller --tolerance takes finer meshes"
         )
     others = ", ".join(
-        f"{name} {share:.1%}"
+        f"{name} {share:.1%}{' of pressure' * (name == Output.SHEAR)}"
         for name, share in result.estimated_errors.items()
         if name not in {Output.FORCE, Output.DEPTH}
     )
     if others:
-        say(f"errors     {others}; shear relative to pressure")
+        say(f"errors     {others}")
 
 
 def _show_interfaces(result: PressResult) -> None:
