@@ -201,14 +201,16 @@ def shot(made: SimpleNamespace, force_n: float, rng: np.random.Generator) -> Tri
 
 
 def test_margins_are_those_of_the_matrix(evidence: RunEvidence) -> None:
-    """Best wrong residual minus the own one, with no contact as one of the rivals."""
-    residuals = wrong_force_matrices(evidence.trials, cross_scores(evidence.trials))[-1]
+    """Best wrong residual minus the own one, with no contact and every press of a force as rivals."""
+    again = replace(evidence.trials[5], index=7, force_target_n=evidence.trials[1].force_target_n)
+    trials = [*evidence.trials, again]
+    residuals = wrong_force_matrices(trials, cross_scores(trials))[-1]
     assert residuals.metric == CONTACT_RESIDUAL
-    margins = force_margins(evidence.trials)
-    for k, trial in enumerate(evidence.trials):
-        row = list(residuals.values[k])
-        own = row.pop(k)
-        assert margins[trial.index].value == pytest.approx(min(1.0, *row) - own)
+    margins = force_margins(trials)
+    for trial, row in zip(trials, residuals.values, strict=True):
+        wrong = [v for t, v in zip(trials, row, strict=True) if t.is_wrong_for(trial)]
+        own = row[trials.index(trial)]
+        assert margins[trial.index].value == pytest.approx(min(1.0, *wrong) - own)
 
 
 def test_spread_is_what_noise_does_to_the_margin(made: SimpleNamespace) -> None:
