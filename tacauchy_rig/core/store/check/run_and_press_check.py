@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.core.store.run_files import is_inside
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import SENSOR, RunStore
 
 Z = 2  # of a position
 _MM = 1e3  # in a metre; depths are read in millimetres
@@ -390,8 +391,11 @@ def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[st
 
 
 def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+    sensor = Path(store.config.sensor.name)
     for file, known in replay.made_from.items():
-        if file != "config":
+        if file == SENSOR:
+            yield from hash_mismatch(sensor.parent, sensor.name, known, name=f"{file} {sensor}")
+        elif file != "config":
             yield from hash_mismatch(store.paths.root, file, known, name=file)
         elif known != store.config_hash:
             yield (
