@@ -121,9 +121,10 @@ class TrialEvidence:
     """All that is known of one press."""
 
     index: int
-    # What was asked for; of an imported press what was measured, which names it. NaN where that has
-    # no force.
+    # What was asked for; of an imported press what was measured, which names it, or NaN.
     force_target_n: float
+    # Forces that differ by no more are no wrong ones for each other: measured ones are never equal.
+    force_tolerance_n: float = 0.0
     record: run.TrialRecord | None = None
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
@@ -143,8 +144,7 @@ class TrialEvidence:
     place_known: bool = True
     # Equilibria up to its force, ascending; empty where no replay kept them.
     intermediate: tuple[IntermediateState, ...] = ()
-    # Equal for presses of one indenter at one place, whose simulated images and forces are compared
-    # with one another.
+    # Equal for presses of one indenter at one place: only those are compared with one another.
     kind: int = 0
 
     @property
@@ -166,7 +166,8 @@ class TrialEvidence:
 
     def is_wrong_for(self, other: Self) -> bool:
         """Return whether it was pressed to another force, all else alike."""
-        return self.kind == other.kind and self.press_key != other.press_key
+        is_near = abs(self.force_target_n - other.force_target_n) <= self.force_tolerance_n
+        return self.kind == other.kind and self.press_key != other.press_key and not is_near
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

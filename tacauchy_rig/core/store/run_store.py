@@ -119,7 +119,6 @@ logger = logging.getLogger(__name__)
 
 FORMAT = 1
 _DESCRIPTION = "the run's description"
-SENSOR = "sensor file"  # among what a replay was made from
 _DEEPEST_M = 0.1
 """Of a press: no gel is a tenth as thick."""
 T = TypeVar("T")
@@ -368,7 +367,7 @@ class RunStore:
         }
         sources = {"config": self.config_hash, **self._recorded_hashes(replay)}
         if (sensor := Path(self.config.sensor.name)).suffix == ".toml":  # outside the run
-            sources[SENSOR] = file_sha256(sensor, what="the sensor file")
+            sources["sensor"] = file_sha256(sensor, what="the sensor file")
         content = dumps(replace(replay, made_from=sources, files=files))
         write_atomically(self.paths.replay_json(replay.name), content)
         log_hashes(

@@ -36,7 +36,7 @@ from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent
 from tacauchy_rig.core.store.json_codec import to_json
 from tacauchy_rig.core.store.recording.mcap_reader import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.core.store.run_files import is_inside
-from tacauchy_rig.core.store.run_store import SENSOR, RunStore
+from tacauchy_rig.core.store.run_store import RunStore
 
 Z = 2  # of a position
 _MM = 1e3  # in a metre; depths are read in millimetres
@@ -393,8 +393,8 @@ def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[st
 def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     sensor = Path(store.config.sensor.name)
     for file, known in replay.made_from.items():
-        if file == SENSOR:
-            yield from hash_mismatch(sensor.parent, sensor.name, known, name=f"{file} {sensor}")
+        if file == "sensor":
+            yield from hash_mismatch(sensor.parent, sensor.name, known, name=f"sensor {sensor}")
         elif file != "config":
             yield from hash_mismatch(store.paths.root, file, known, name=file)
         elif known != store.config_hash:

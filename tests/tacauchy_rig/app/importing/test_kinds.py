@@ -64,8 +64,7 @@ class Folder:
         """Write all of it."""
         known = dict.fromkeys(("top", "data", "columns", "force_sign", "rig"), "")
         known |= {"tared": "true", "force": "N", "depth": "mm", "body": f'indenter = "{BALL}"'}
-        spec = SPEC.format(**known | self.spec)
-        (self.root / "import.toml").write_text(spec)
+        (self.root / "import.toml").write_text(SPEC.format(**known | self.spec))
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
         (self.root / "presses.csv").write_bytes(self.prefix + text.encode())
 
@@ -75,9 +74,9 @@ def drawn(root: Path) -> Folder:
     random = np.random.default_rng([SEED, 0])
     force = np.round(random.uniform(0.5, 4.0, random.integers(3, 6)), 3)
     depth = np.round(0.27 * force ** (2 / 3) * random.uniform(0.8, 1.2), 4)
-    folder = Folder(root=root, random=random, force_n=force, depth_mm=depth)
+    rows = [["file", "fz", "d"]]
+    folder = Folder(root=root, random=random, force_n=force, depth_mm=depth, rows=rows)
     (root / "rest.png").write_bytes(image(random, 0.0))
-    folder.rows.append(["file", "fz", "d"])
     for k, (f, d) in enumerate(zip(force.tolist(), depth.tolist(), strict=True), start=1):
         (root / f"p{k}.png").write_bytes(image(random, d))
         folder.rows.append([f"p{k}.png", f"{f}", f"{d}"])
@@ -193,7 +192,16 @@ def frozen(folder: Folder) -> None:
     """The camera stood still: every press has the image of the first."""
     for row in folder.rows[2:]:
         row[0] = "p1.png"
-    folder.noted = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image"
+    told = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image as an"
+    folder.noted = f"{told} earlier one, press 2 that of press 1"
+
+
+def one_missing(folder: Folder) -> None:
+    """The second of the lab's presses is not there: the run counts on, and says so."""
+    folder.spec["columns"] = 'press = "n"'
+    for name, row in zip(("n", "1", *map(str, range(3, 99))), folder.rows, strict=False):
+        row.append(name)
+    folder.noted = f"numbers {len(folder.rows) - 2} presses otherwise: trial 2 is its press 3"
 
 
 def bodiless(folder: Folder) -> None:
@@ -297,10 +305,7 @@ def damaged(folder: Folder) -> None:
     name = f"p{folder.random.integers(1, len(folder.rows))}"
     data = bytearray(image(folder.random, 0.4, kind=".jpg"))
     at = int(folder.random.integers(len(data) // 3, 2 * len(data) // 3))
-    if folder.random.random() < 0.5:
-        del data[at:]
-    else:
-        data[at : at + 200] = bytes(200)
+    data[at:] = b"" if folder.random.random() < 0.5 else bytes(200) + data[at + 200 :]
     (folder.root / f"{name}.jpg").write_bytes(bytes(data))
     folder.rows[int(name[1:])][0] = f"{name}.jpg"
     folder.told = (f"{name}.jpg", "no whole JPEG")
