@@ -39,8 +39,7 @@ class TrialImages:
 
     real: ImageArray  # pixelwise median over the dwell
     reference: ImageArray  # pixelwise median of the no-contact frames taken before the press
-    # Median over the first half of the dwell; with ``second_half`` it gives the noise ceiling. None
-    # when the dwell has fewer than four frames.
+    # Median over the first half of the dwell, for the noise ceiling; None below four frames.
     first_half: ImageArray | None = None
     second_half: ImageArray | None = None
     frame_count: int = 0  # frames in the dwell

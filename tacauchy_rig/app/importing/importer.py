@@ -98,6 +98,7 @@ def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
         "force": [p.name for p in presses if p.held is None],
         "depth": [p.name for p in presses if p.measured_depth_m is None],
         "position": [p.name for p in presses if p.place_m is None and p.contact_px is None],
+        "image": [p.name for p in presses if not p.frames],
     }
     for what, names in lacking.items():
         some = f"{len(names)} of {len(presses)} presses ({', '.join(names)})"

@@ -47,8 +47,7 @@ def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
     store = import_run(small, parent=tmp_path)
     imported = store.imported.load()
     assert imported is not None
-    assert not imported.has_clock
-    assert imported.trials[0].place_m is None
+    assert (imported.has_clock, imported.trials[0].place_m) == (False, None)
     assert "The position of a press is not known." in imported.unknown
     (record,) = counting(store)
     assert (record.force_measured_n, record.depth_measured_m) == (1.5, pytest.approx(0.25e-3))

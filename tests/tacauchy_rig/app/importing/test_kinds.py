@@ -1,6 +1,5 @@
 """Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
-import io
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -188,6 +187,13 @@ def unknown_first(folder: Folder) -> None:
     folder.noted = f"The depth of 1 of {len(folder.rows) - 1} presses (1) is not known."
 
 
+def blind(folder: Folder) -> None:
+    """No press has an image."""
+    for row in folder.rows[1:]:
+        row[0] = ""
+    folder.noted = "The image of a press is not known."
+
+
 def frozen(folder: Folder) -> None:
     """The camera stood still: every press has the image of the first."""
     for row in folder.rows[2:]:
@@ -269,10 +275,8 @@ def exif(folder: Folder) -> None:
     for row in folder.rows[1:]:
         path, tag = folder.root / row[0], Image.Exif()
         tag[0x0112] = int(folder.random.choice([3, 6, 8]))
-        buffer = io.BytesIO()
-        Image.open(path).save(buffer, "JPEG", exif=tag, quality=95)
         row[0] = row[0].replace(".png", ".jpg")
-        (folder.root / row[0]).write_bytes(buffer.getvalue())
+        Image.open(path).save(folder.root / row[0], "JPEG", exif=tag, quality=95)
 
 
 def portrait(folder: Folder) -> None:
@@ -291,8 +295,7 @@ def small_images(folder: Folder) -> None:
     """Images of 320 x 240 px are taken, as whole frames or as cropped."""
     _again(folder, (320, 240))
     folder.spec["data"] = ""
-    if folder.random.random() < 0.5:
-        folder.spec["top"] = "images = { cropped = true }"
+    folder.spec["top"] = "images = { cropped = true }" * (folder.random.random() < 0.5)
 
 
 def _again(folder: Folder, size: tuple[int, int]) -> None:
@@ -319,9 +322,8 @@ def rest_is_press(folder: Folder) -> None:
 
 def own_words(folder: Folder) -> None:
     """Indenters by words of the lab; one has no term."""
-    folder.rows[0].append("tool")
-    for k, row in enumerate(folder.rows[1:]):
-        row.append("zyl5" if k == 1 else "ball8")
+    for row, word in zip(folder.rows, ("tool", "ball8", "zyl5", *["ball8"] * 9), strict=False):
+        row.append(word)
     folder.spec["columns"] = 'indenter = "tool"\n[data.indenters]\nball8 = "sphere:diameter=8mm"'
     folder.told = ("line 3", '"tool"', "'zyl5'", "[data.indenters]")
 
@@ -337,8 +339,7 @@ KINDS: dict[str, Callable[[Folder], None]] = SCALED | {
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     """With the forces that were written and a run that agrees with itself, or refused by name."""
-    root = tmp_path / "source"
-    root.mkdir()
+    (root := tmp_path / "source").mkdir()
     folder = drawn(root)
     KINDS[kind](folder)
     folder.write()
