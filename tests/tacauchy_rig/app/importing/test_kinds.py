@@ -199,7 +199,7 @@ def frozen(folder: Folder) -> None:
     for row in folder.rows[2:]:
         row[0] = "p1.png"
     told = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image as an"
-    folder.noted = f"{told} earlier one, press 2 that of press 1"
+    folder.noted = f"{told} earlier one, press 2 that of 1"
 
 
 def one_missing(folder: Folder) -> None:
