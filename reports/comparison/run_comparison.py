@@ -17,8 +17,8 @@ from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_me
 from tacauchy_rig.core.image_codec import to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
-_SOLVED = ("newton_iterations", "search_iterations", "balance_relative", "gap_min_m")
-_SOLVED += ("min_jacobian", "force_error_basis")
+_STEPS = ("newton_iterations", "search_iterations")
+_SOLVED = (*_STEPS, "balance_relative", "gap_min_m", "min_jacobian", "force_error_basis")
 
 
 def compare(evidence: RunEvidence) -> ValidationReport:

@@ -109,8 +109,8 @@ def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
         yield told.format("sensor", rig.config.sensor.name, "sensor.name")
     if rig.config.replay.indenter is None and not all(press.indenter for press in presses):
         yield told.format("indenter", describe(indenter_of(rig.config)), "replay.indenter")
-    names = [(k, p.name) for k, p in enumerate(presses, start=1) if p.name.isdecimal()]
-    if other := [f"trial {k} is its press {name}" for k, name in names if int(name) != k]:
+    numbers = [(k, p.name) for k, p in enumerate(presses, start=1) if p.name.isdecimal()]
+    if other := [f"trial {k} is its press {name}" for k, name in numbers if int(name) != k]:
         yield f"The source numbers {len(other)} presses otherwise: {other[0]}, see imported.json."
 
 
