@@ -17,6 +17,8 @@ from reports.scores.image_metrics import ImageScores, Metric, finite, psnr_of_me
 from tacauchy_rig.core.image_codec import to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
+_STEPS = ("newton_iterations", "search_iterations")
+_SOLVED = (*_STEPS, "balance_relative", "gap_min_m", "min_jacobian", "force_error_basis")
 
 
 def compare(evidence: RunEvidence) -> ValidationReport:
@@ -147,14 +149,9 @@ def _pressed(trial: TrialEvidence) -> dict[str, Any]:
         "replay": {}
         if replay is None
         else {
-            "newton_iterations": replay.newton_iterations,
-            "search_iterations": replay.search_iterations,
+            **{name: getattr(replay, name) for name in _SOLVED},
             "wall_s": dict(replay.wall_s),
-            "balance_relative": replay.balance_relative,
-            "gap_min_m": replay.gap_min_m,
-            "min_jacobian": replay.min_jacobian,
             "force_error_estimate_relative": replay.force_error_estimate,
-            "force_error_basis": replay.force_error_basis,
         },
     }
 

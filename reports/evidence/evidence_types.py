@@ -39,8 +39,7 @@ class TrialImages:
 
     real: ImageArray  # pixelwise median over the dwell
     reference: ImageArray  # pixelwise median of the no-contact frames taken before the press
-    # Median over the first half of the dwell; with ``second_half`` it gives the noise ceiling. None
-    # when the dwell has fewer than four frames.
+    # Median over the first half of the dwell, for the noise ceiling; None below four frames.
     first_half: ImageArray | None = None
     second_half: ImageArray | None = None
     frame_count: int = 0  # frames in the dwell
@@ -121,9 +120,10 @@ class TrialEvidence:
     """All that is known of one press."""
 
     index: int
-    # What was asked for; of an imported press what was measured, which names it. NaN where that has
-    # no force.
+    # What was asked for; of an imported press what was measured, which names it, or NaN.
     force_target_n: float
+    # Forces that differ by no more are no wrong ones for each other: measured ones are never equal.
+    force_tolerance_n: float = 0.0
     record: run.TrialRecord | None = None
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
@@ -143,8 +143,7 @@ class TrialEvidence:
     place_known: bool = True
     # Equilibria up to its force, ascending; empty where no replay kept them.
     intermediate: tuple[IntermediateState, ...] = ()
-    # Equal for presses of one indenter at one place, whose simulated images and forces are compared
-    # with one another.
+    # Equal for presses of one indenter at one place: only those are compared with one another.
     kind: int = 0
 
     @property
@@ -166,7 +165,8 @@ class TrialEvidence:
 
     def is_wrong_for(self, other: Self) -> bool:
         """Return whether it was pressed to another force, all else alike."""
-        return self.kind == other.kind and self.press_key != other.press_key
+        is_near = abs(self.force_target_n - other.force_target_n) <= self.force_tolerance_n
+        return self.kind == other.kind and self.press_key != other.press_key and not is_near
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,6 +115,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> evidence_types.RunE
         evidence_types.TrialEvidence(
             index=index,
             force_target_n=_target_n(store, index, record),
+            force_tolerance_n=config.report.max_force_mismatch if config.is_imported else 0.0,
             record=record,
             replay=replayed.get(index),
             force_depth_simulated=stated_curve(replay, index)
@@ -304,9 +305,7 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
         "imported": {}
         if imported is None
         else {
-            "kind": imported.kind,
-            "source": imported.source,
-            "has_clock": imported.has_clock,
+            **{name: getattr(imported, name) for name in ("kind", "source", "has_clock")},
             "file_count": len(imported.files),
         },
     }

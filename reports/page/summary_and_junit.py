@@ -29,6 +29,7 @@ from tacauchy_rig.core.markdown_page import prose
 from tacauchy_rig.core.store.json_codec import to_plain
 
 SCHEMA = 1
+_LIMITS = "min_force_margin", "max_contact_residual", "coverage_factor", "min_modulus_trials"
 
 
 def build_summary(report: ValidationReport) -> dict[str, Any]:
@@ -49,11 +50,8 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "reading": list(report.reading),
         "limits": list(report.limits),
         "thresholds": {
-            "min_force_margin": limits.min_force_margin,
-            "max_contact_residual": limits.max_contact_residual,
+            **{name: getattr(limits, name) for name in _LIMITS},
             "max_contact_offset_m": limits.max_contact_offset,
-            "coverage_factor": limits.coverage_factor,
-            "min_modulus_trials": limits.min_modulus_trials,
             "max_force_mismatch_n": limits.max_force_mismatch,
         },
         "image": {

@@ -1,7 +1,7 @@
 """Whether scores tell presses of different forces apart: an image against those at wrong forces."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import EllipsisType
 
@@ -214,10 +214,8 @@ def _read(
         return (pixels.astype(np.float64) - bare).ravel()
 
     real, ours = change_of(images.real[region]), change_of(own[region])
-    shown = _rivals(trial, images, trials, region)
-    rivals = {name: change_of(pixels) for name, pixels in shown.items()}
-    rival = min(rivals, key=lambda name: relative_residual(real, rivals[name]))
-    theirs = rivals[rival]
+    rivals = [(name, change_of(p)) for name, p in _rivals(trial, images, trials, region)]
+    rival, theirs = min(rivals, key=lambda each: relative_residual(real, each[1]))
     first, second = (
         math.nan if half is None else _margin(change_of(half[region]), ours, theirs)
         for half in (images.first_half, images.second_half)
@@ -233,12 +231,12 @@ def _read(
 
 def _rivals(
     trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: BoolArray
-) -> dict[str, ImageArray]:
-    """Return pixels that must not explain a press as well as its own image's, by their name."""
-    wrong = [t for t in trials if t.is_wrong_for(trial)]
-    shown = {_named(t): press_over(images, t, region) for t in wrong}
-    found = {name: image for name, image in shown.items() if image is not None}
-    return {**found, "no contact": images.reference[region]}
+) -> Iterator[tuple[str, ImageArray]]:
+    """Yield pixels that must not explain a press as well as its own image's, and their name."""
+    for other in trials:
+        if other.is_wrong_for(trial) and (pixels := press_over(images, other, region)) is not None:
+            yield _named(other), pixels
+    yield "no contact", images.reference[region]
 
 
 def _named(trial: TrialEvidence) -> str:

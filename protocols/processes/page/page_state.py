@@ -159,12 +159,8 @@ class View:
             "afterwards": self._afterwards,
             "trials": [self._trial_row(planned.index) for planned in self._job.plan],
             "journal": [
-                {
-                    "stamp_s": event.stamp_ns * 1e-9,
-                    "name": event.name,
-                    "trial": event.trial,
-                    "detail": event.detail,
-                }
+                {name: getattr(event, name) for name in ("name", "trial", "detail")}
+                | {"stamp_s": event.stamp_ns * 1e-9}
                 for event in self._journal
             ],
             "disk": self._disk[1],

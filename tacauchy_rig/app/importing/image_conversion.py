@@ -112,29 +112,31 @@ class Converter:
     notes: dict[str, None] = field(default_factory=dict)  # what was made of images, a sentence each
     # Sizes that were told to have another shape, once each
     refused: set[Size] = field(default_factory=set)
-    # An image of each press and its image at rest, scaled down
-    pairs: list[tuple[ImageArray, ImageArray]] = field(default_factory=list)
+    # An image of each press and its image at rest, scaled down, by the press's name
+    pairs: dict[str, tuple[ImageArray, ImageArray]] = field(default_factory=dict)
 
     def check_colours(self, problems: Problems) -> None:
         """Note images with channels in another order than at rest, and images of two presses."""
-        if swapped := exchanged_channels(self.pairs):
+        pairs = self.pairs
+        if swapped := exchanged_channels([*pairs.values()]):
             problems.add(
                 f"images pressed are {swapped[0]:.1f} grey levels from those at rest; with red and "
                 f"blue exchanged {swapped[1]:.1f}",
                 remedy="write both in one order of channels; images.colour_order is of all",
             )
-        pressed = [image.tobytes() for image, _ in self.pairs]
-        if again := len(pressed) - len(set(pressed)):
+        first: dict[bytes, str] = {}
+        met = {name: first.setdefault(image.tobytes(), name) for name, (image, _) in pairs.items()}
+        if again := [f"press {name} that of {of}" for name, of in met.items() if of != name]:
             self.notes[
-                f"{again} of {len(pressed)} presses have the same image as an earlier one: check "
-                "that the camera did not stand still."
+                f"{len(again)} of {len(pairs)} presses have the same image as an earlier one, "
+                f"{again[0]}: check that no row is there twice and the camera did not stand still."
             ] = None
 
-    def compare(self, data: bytes, rest: bytes) -> None:
+    def compare(self, press: str, data: bytes, rest: bytes) -> None:
         """Keep an image of a press and its image at rest for ``check_colours``."""
         image, still = _reduced(data), _reduced(rest)
         if image is not None and still is not None:
-            self.pairs.append((image, still))
+            self.pairs[press] = image, still
 
     def convert(self, data: bytes, *, name: str, rest: bytes | None) -> tuple[bytes, Size]:
         """Return an image's bytes, as they are where nothing has to be changed, and its size.

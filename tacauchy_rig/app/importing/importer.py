@@ -93,11 +93,12 @@ def write_presses(
 
 
 def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
-    """Yield what no press or not every one states, and which sensor or indenter is assumed."""
+    """Yield what no press or not every one states, what is assumed, and what is renumbered."""
     lacking = {
         "force": [p.name for p in presses if p.held is None],
         "depth": [p.name for p in presses if p.measured_depth_m is None],
         "position": [p.name for p in presses if p.place_m is None and p.contact_px is None],
+        "image": [p.name for p in presses if not p.frames],
     }
     for what, names in lacking.items():
         some = f"{len(names)} of {len(presses)} presses ({', '.join(names)})"
@@ -108,6 +109,9 @@ def _unknown(presses: Sequence[Press], rig: LoadedConfig) -> Iterator[str]:
         yield told.format("sensor", rig.config.sensor.name, "sensor.name")
     if rig.config.replay.indenter is None and not all(press.indenter for press in presses):
         yield told.format("indenter", describe(indenter_of(rig.config)), "replay.indenter")
+    numbers = [(k, p.name) for k, p in enumerate(presses, start=1) if p.name.isdecimal()]
+    if other := [f"trial {k} is its press {name}" for k, name in numbers if int(name) != k]:
+        yield f"The source numbers {len(other)} presses otherwise: {other[0]}, see imported.json."
 
 
 def check_counts(presses: Sequence[Press]) -> Iterator[RecordError]:
@@ -203,7 +207,7 @@ def _images(press: Press, converter: Converter, source: Source) -> Iterator[run.
             data, (width, height) = converter.convert(frame.read(), name=frame.name, rest=rest)
             if rest is not None and not is_rest and not is_compared:
                 is_compared = True
-                converter.compare(data, rest)
+                converter.compare(press.name, data, rest)
             rest = rest or (data if is_rest else None)
             same += [frame.name] * (data == rest and not is_rest)
             yield run.ImageFrame(

@@ -366,6 +366,8 @@ class RunStore:
             for path in sorted(self.paths.replay_trial(replay.name, trial).glob("*"))
         }
         sources = {"config": self.config_hash, **self._recorded_hashes(replay)}
+        if (sensor := Path(self.config.sensor.name)).suffix == ".toml":  # outside the run
+            sources["sensor"] = file_sha256(sensor, what="the sensor file")
         content = dumps(replace(replay, made_from=sources, files=files))
         write_atomically(self.paths.replay_json(replay.name), content)
         log_hashes(

@@ -56,21 +56,12 @@ def test_wrong_force_floor_is_the_hardest(report: ValidationReport) -> None:
 def clean(evidence: RunEvidence, made: SimpleNamespace) -> RunEvidence:
     """Return the run with images that are right but for their rounding."""
     reference = made.to_image(made.background())
-    return replace(
-        evidence,
-        trials=tuple(
-            replace(
-                trial,
-                images=replace(
-                    trial.images,
-                    real=made.to_image(made.background() + made.contact_change(force)),
-                    reference=reference,
-                ),
-                simulated_image=made.to_image(made.background() + made.contact_change(force)),
-            )
-            for trial, force in zip(evidence.trials, made.FORCES_N, strict=True)
-        ),
-    )
+    trials = []
+    for trial, force in zip(evidence.trials, made.FORCES_N, strict=True):
+        pressed = made.to_image(made.background() + made.contact_change(force))
+        images = replace(trial.images, real=pressed, reference=reference)
+        trials.append(replace(trial, images=images, simulated_image=pressed))
+    return replace(evidence, trials=tuple(trials))
 
 
 def test_diagonal_wins_for_a_perfect_simulator(
@@ -89,10 +80,8 @@ def test_diagonal_loses_when_the_images_are_swapped(
     """Two swapped simulated images lose exactly their two rows."""
     trials = list(clean(evidence, made).trials)
     first, last = trials[0].simulated_image, trials[5].simulated_image
-    trials[0], trials[5] = (
-        replace(trials[0], simulated_image=last),
-        replace(trials[5], simulated_image=first),
-    )
+    trials[0] = replace(trials[0], simulated_image=last)
+    trials[5] = replace(trials[5], simulated_image=first)
     for matrix in matrices_of(trials):
         assert matrix.diagonal_wins == (False, True, True, True, True, False)
 
@@ -114,21 +103,18 @@ def test_light_between_trials_does_not_pass_for_force(
     for k, trial in enumerate(evidence.trials):
         light = (1.0 + 0.02 * k) * made.background()
         reference, real = made.to_image(light), made.to_image(light + made.contact_change(3.0))
-        trials.append(
-            replace(
-                trial,
-                images=replace(trial.images, real=real, reference=reference),
-                simulated_image=made.to_image(reference + simulated),
-            )
-        )
+        images = replace(trial.images, real=real, reference=reference)
+        shown = made.to_image(reference + simulated)
+        trials.append(replace(trial, images=images, simulated_image=shown))
     for matrix in matrices_of(trials):
         assert not any(matrix.diagonal_wins), matrix.metric
 
 
-def test_repeats_are_not_wrong_forces(evidence: RunEvidence) -> None:
-    """A repeat of the press may score as well; only other targets can beat it."""
-    first = evidence.trials[0]
-    repeat = replace(first, index=7)
+@pytest.mark.parametrize("apart_n", [0.0, 0.079])
+def test_repeats_are_not_wrong_forces(evidence: RunEvidence, apart_n: float) -> None:
+    """A repeat may score as well, also one whose force was measured: only others can beat it."""
+    first = replace(evidence.trials[0], force_tolerance_n=0.08)
+    repeat = replace(first, index=7, force_target_n=first.force_target_n + apart_n)
     for matrix in matrices_of([first, repeat, evidence.trials[5]]):
         if matrix.metric != "histogram_correlation":
             assert matrix.diagonal_wins[:2] == (True, True), matrix.metric
@@ -201,14 +187,16 @@ def shot(made: SimpleNamespace, force_n: float, rng: np.random.Generator) -> Tri
 
 
 def test_margins_are_those_of_the_matrix(evidence: RunEvidence) -> None:
-    """Best wrong residual minus the own one, with no contact as one of the rivals."""
-    residuals = wrong_force_matrices(evidence.trials, cross_scores(evidence.trials))[-1]
+    """Best wrong residual minus the own one; no contact and each press of a force are rivals."""
+    again = replace(evidence.trials[5], index=7, force_target_n=evidence.trials[1].force_target_n)
+    trials = [*evidence.trials, again]
+    residuals = wrong_force_matrices(trials, cross_scores(trials))[-1]
     assert residuals.metric == CONTACT_RESIDUAL
-    margins = force_margins(evidence.trials)
-    for k, trial in enumerate(evidence.trials):
-        row = list(residuals.values[k])
-        own = row.pop(k)
-        assert margins[trial.index].value == pytest.approx(min(1.0, *row) - own)
+    margins = force_margins(trials)
+    for trial, row in zip(trials, residuals.values, strict=True):
+        wrong = [v for t, v in zip(trials, row, strict=True) if t.is_wrong_for(trial)]
+        own = row[trials.index(trial)]
+        assert margins[trial.index].value == pytest.approx(min(1.0, *wrong) - own)
 
 
 def test_spread_is_what_noise_does_to_the_margin(made: SimpleNamespace) -> None:

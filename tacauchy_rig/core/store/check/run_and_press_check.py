@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -390,8 +391,11 @@ def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[st
 
 
 def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+    sensor = Path(store.config.sensor.name)
     for file, known in replay.made_from.items():
-        if file != "config":
+        if file == "sensor":
+            yield from hash_mismatch(sensor.parent, sensor.name, known, name=f"sensor {sensor}")
+        elif file != "config":
             yield from hash_mismatch(store.paths.root, file, known, name=file)
         elif known != store.config_hash:
             yield (

@@ -47,24 +47,21 @@ def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
     store = import_run(small, parent=tmp_path)
     imported = store.imported.load()
     assert imported is not None
-    assert not imported.has_clock
-    assert imported.trials[0].place_m is None
+    assert (imported.has_clock, imported.trials[0].place_m) == (False, None)
     assert "The position of a press is not known." in imported.unknown
     (record,) = counting(store)
     assert (record.force_measured_n, record.depth_measured_m) == (1.5, pytest.approx(0.25e-3))
     assert record.tare_before is None
     assert store.config.run.sync_mode == "unknown"
-    assert store.config.is_imported
-    assert not store.simulated
+    assert (store.config.is_imported, store.simulated) == (True, False)
 
 
 def test_images_are_kept_to_the_byte(small: Path, tmp_path: Path) -> None:
     """A PNG goes into the recording as it is, and comes out so."""
     store = import_run(small, parent=tmp_path)
     frames = list(Recording.open(store.paths.recording(1, 1)).frames())
-    assert [frame.jpeg for frame in frames] == [
-        (small / name).read_bytes() for name in ("rest.png", "press.png")
-    ]
+    stored = [(small / name).read_bytes() for name in ("rest.png", "press.png")]
+    assert [frame.jpeg for frame in frames] == stored
 
 
 def test_an_imported_run_is_marked_and_not_passed(small: Path, tmp_path: Path) -> None:
@@ -75,16 +72,13 @@ def test_an_imported_run_is_marked_and_not_passed(small: Path, tmp_path: Path) -
     assert report.verdict.startswith("Imported from small (csv)")
     page, summary = paths.html.read_text(), json.loads(paths.summary.read_text())
     assert page.count("IMPORTED: recorded elsewhere") == 2
-    assert summary["imported"]
-    assert not summary["passed"]
+    assert (summary["imported"], summary["passed"]) == (True, False)
     assert "not known" in page
     press = next(c for c in summary["trials"][0]["criteria"] if c["name"] == "press")
     assert (press["passed"], press["measured"]) == (False, None)
     suite = ET.parse(paths.junit).getroot()  # noqa: S314 - our own file
-    skipped = {
-        case.get("name") for case in suite.iter("testcase") if case.find("skipped") is not None
-    }
-    assert {"press", "contact_offset", "force_margin"} <= skipped
+    skipped = [case for case in suite.iter("testcase") if case.find("skipped") is not None]
+    assert {"press", "contact_offset", "force_margin"} <= {case.get("name") for case in skipped}
     assert "the delay between force and image of a row" in " ".join(report.limits).lower()
 
 

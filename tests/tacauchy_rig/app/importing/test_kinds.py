@@ -1,6 +1,5 @@
 """Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
-import io
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -64,8 +63,7 @@ class Folder:
         """Write all of it."""
         known = dict.fromkeys(("top", "data", "columns", "force_sign", "rig"), "")
         known |= {"tared": "true", "force": "N", "depth": "mm", "body": f'indenter = "{BALL}"'}
-        spec = SPEC.format(**known | self.spec)
-        (self.root / "import.toml").write_text(spec)
+        (self.root / "import.toml").write_text(SPEC.format(**known | self.spec))
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
         (self.root / "presses.csv").write_bytes(self.prefix + text.encode())
 
@@ -75,9 +73,9 @@ def drawn(root: Path) -> Folder:
     random = np.random.default_rng([SEED, 0])
     force = np.round(random.uniform(0.5, 4.0, random.integers(3, 6)), 3)
     depth = np.round(0.27 * force ** (2 / 3) * random.uniform(0.8, 1.2), 4)
-    folder = Folder(root=root, random=random, force_n=force, depth_mm=depth)
+    rows = [["file", "fz", "d"]]
+    folder = Folder(root=root, random=random, force_n=force, depth_mm=depth, rows=rows)
     (root / "rest.png").write_bytes(image(random, 0.0))
-    folder.rows.append(["file", "fz", "d"])
     for k, (f, d) in enumerate(zip(force.tolist(), depth.tolist(), strict=True), start=1):
         (root / f"p{k}.png").write_bytes(image(random, d))
         folder.rows.append([f"p{k}.png", f"{f}", f"{d}"])
@@ -189,11 +187,27 @@ def unknown_first(folder: Folder) -> None:
     folder.noted = f"The depth of 1 of {len(folder.rows) - 1} presses (1) is not known."
 
 
+def blind(folder: Folder) -> None:
+    """No press has an image."""
+    for row in folder.rows[1:]:
+        row[0] = ""
+    folder.noted = "The image of a press is not known."
+
+
 def frozen(folder: Folder) -> None:
     """The camera stood still: every press has the image of the first."""
     for row in folder.rows[2:]:
         row[0] = "p1.png"
-    folder.noted = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image"
+    told = f"{len(folder.rows) - 2} of {len(folder.rows) - 1} presses have the same image as an"
+    folder.noted = f"{told} earlier one, press 2 that of 1"
+
+
+def one_missing(folder: Folder) -> None:
+    """The second of the lab's presses is not there: the run counts on, and says so."""
+    folder.spec["columns"] = 'press = "n"'
+    for name, row in zip(("n", "1", *map(str, range(3, 99))), folder.rows, strict=False):
+        row.append(name)
+    folder.noted = f"numbers {len(folder.rows) - 2} presses otherwise: trial 2 is its press 3"
 
 
 def bodiless(folder: Folder) -> None:
@@ -261,10 +275,8 @@ def exif(folder: Folder) -> None:
     for row in folder.rows[1:]:
         path, tag = folder.root / row[0], Image.Exif()
         tag[0x0112] = int(folder.random.choice([3, 6, 8]))
-        buffer = io.BytesIO()
-        Image.open(path).save(buffer, "JPEG", exif=tag, quality=95)
         row[0] = row[0].replace(".png", ".jpg")
-        (folder.root / row[0]).write_bytes(buffer.getvalue())
+        Image.open(path).save(folder.root / row[0], "JPEG", exif=tag, quality=95)
 
 
 def portrait(folder: Folder) -> None:
@@ -283,8 +295,7 @@ def small_images(folder: Folder) -> None:
     """Images of 320 x 240 px are taken, as whole frames or as cropped."""
     _again(folder, (320, 240))
     folder.spec["data"] = ""
-    if folder.random.random() < 0.5:
-        folder.spec["top"] = "images = { cropped = true }"
+    folder.spec["top"] = "images = { cropped = true }" * (folder.random.random() < 0.5)
 
 
 def _again(folder: Folder, size: tuple[int, int]) -> None:
@@ -297,10 +308,7 @@ def damaged(folder: Folder) -> None:
     name = f"p{folder.random.integers(1, len(folder.rows))}"
     data = bytearray(image(folder.random, 0.4, kind=".jpg"))
     at = int(folder.random.integers(len(data) // 3, 2 * len(data) // 3))
-    if folder.random.random() < 0.5:
-        del data[at:]
-    else:
-        data[at : at + 200] = bytes(200)
+    data[at:] = b"" if folder.random.random() < 0.5 else bytes(200) + data[at + 200 :]
     (folder.root / f"{name}.jpg").write_bytes(bytes(data))
     folder.rows[int(name[1:])][0] = f"{name}.jpg"
     folder.told = (f"{name}.jpg", "no whole JPEG")
@@ -314,9 +322,8 @@ def rest_is_press(folder: Folder) -> None:
 
 def own_words(folder: Folder) -> None:
     """Indenters by words of the lab; one has no term."""
-    folder.rows[0].append("tool")
-    for k, row in enumerate(folder.rows[1:]):
-        row.append("zyl5" if k == 1 else "ball8")
+    for row, word in zip(folder.rows, ("tool", "ball8", "zyl5", *["ball8"] * 9), strict=False):
+        row.append(word)
     folder.spec["columns"] = 'indenter = "tool"\n[data.indenters]\nball8 = "sphere:diameter=8mm"'
     folder.told = ("line 3", '"tool"', "'zyl5'", "[data.indenters]")
 
@@ -332,8 +339,7 @@ KINDS: dict[str, Callable[[Folder], None]] = SCALED | {
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     """With the forces that were written and a run that agrees with itself, or refused by name."""
-    root = tmp_path / "source"
-    root.mkdir()
+    (root := tmp_path / "source").mkdir()
     folder = drawn(root)
     KINDS[kind](folder)
     folder.write()

@@ -20,6 +20,7 @@ from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.atomic_write import bytes_sha256
+from tacauchy_rig.core.store.check.run_and_press_check import check_run
 from tacauchy_rig.core.store.journal import Journal, append_event
 from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
@@ -146,6 +147,17 @@ def test_a_replay_that_is_not_there(store: RunStore) -> None:
     store.save_replay(REPLAY, {})
     with pytest.raises(RecordError, match="this trial was not replayed"):
         store.load_replay_fields("balanced", 1)
+
+
+def test_a_sensor_file_that_changed_after_the_replay_is_named(tmp_path: Path) -> None:
+    """A report crops and scales images as this file says, so its images are others than before."""
+    (sensor := tmp_path / "own.toml").write_text("crop = 0.15")
+    store = _create(tmp_path, f'sensor.name="{sensor}"')
+    store.save_replay(REPLAY, {})
+    before = set(check_run(store).missed())
+    sensor.write_text("crop = 0.1")
+    (told,) = set(check_run(store).missed()) - before
+    assert f"sensor {sensor} has the sha256" in told
 
 
 @pytest.mark.parametrize("name", ["fields.npz", "image.png"])
