@@ -5,6 +5,7 @@ import os
 import resource
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus, failed, jud
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes, writing
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session
-from tacauchy_rig.core.versions import versions
+from tacauchy_rig.core.versions import ABSENT, installed, versions
 
 _BLOCK_BYTES = 1 << 20
 _SYNC_INTERVAL_S = 0.25
@@ -82,6 +83,8 @@ def _rate_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
     return found if ratio >= 1.0 else replace(found, status=CheckStatus.FAIL)
 
 
+_CLIENTS = ("ur-rtde", "pyserial")  # what else is missing stops the program before
+_INSTALL = "install with `make setup` or `pip install .`"
 _MIN_CORES = 2
 _MIN_MEMORY_BYTES = 4 * 2**30
 _MIN_DESCRIPTORS = 64
@@ -106,9 +109,13 @@ def host_checks(config: RigConfig) -> list[CheckResult]:
     ]
 
 
-def version_check() -> CheckResult:
-    """Tell the versions that a record will name."""
+def version_check(clients: Sequence[str] = _CLIENTS) -> CheckResult:
+    """Tell the versions that a record will name; fail where a client of devices is missing."""
     listed = ", ".join(f"{name} {version}" for name, version in versions().items())
+    missing = [name for name, version in installed(*clients).items() if version == ABSENT]
+    if missing:
+        error = RigError(f"{listed}; missing: {', '.join(missing)}", remedy=_INSTALL)
+        return failed("host.versions", error)
     return passed("host.versions", listed)
 
 

@@ -13,6 +13,7 @@ from tacauchy_rig.app.host_checks import (
     host_checks,
     measure_disk,
     memory_check,
+    version_check,
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.settings import RigConfig
@@ -34,6 +35,13 @@ def test_every_check_answers(tmp_path: Path) -> None:
     for result in results:
         assert result.finding
         assert bool(result.remedy) == (result.status in (CheckStatus.WARN, CheckStatus.FAIL))
+
+
+def test_missing_package_fails() -> None:
+    """A package that is not installed is named."""
+    result = version_check(("numpy", "no-such-package"))
+    assert result.status is CheckStatus.FAIL
+    assert "missing: no-such-package" in result.finding
 
 
 def test_a_run_that_could_open_too_few_files_fails() -> None:
