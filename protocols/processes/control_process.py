@@ -198,7 +198,6 @@ class Broadcast:
                 "force_n": [cycle.force_guard.pressing(wrench) for wrench in wrenches],
                 "wrench": wrenches[-1],
                 "is_tared": cycle.force_guard.is_tared,
-                "record_lag_s": self.lag_s(),
             }
             self._feeds.show("force", forces[-1].stamp_ns, numbers)
         if states:
@@ -208,7 +207,6 @@ class Broadcast:
                 "position_m": newest.pose.position,
                 "rotation_rad": newest.pose.rotation_vector,
                 "velocity": newest.velocity,
-                "safety_bits": newest.safety_bits,
             }
             self._feeds.show("arm", newest.stamp_ns, numbers)
 

@@ -400,11 +400,10 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
         safe = [planned.index for planned in plan if planned.done]
         safe += [index for index, record in records.items() if record.passed]
         doubted = isinstance(error, BreachError) and error.limit in {*FORCE_LIMITS, FORCE_HISTORY}
-        what = describe_doubted if doubted else describe_safe
         return ProgrammeResult(
             outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
             records=tuple(records.values()),
-            reason=f"{error.message} {what(sorted(safe))}",
+            reason=f"{error.message} {describe_safe(sorted(safe), doubted=doubted)}",
             remedy=_remedy(error, doubted=doubted),
         )
     finally:
@@ -418,24 +417,16 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
     )
 
 
-def describe_safe(indices: Sequence[int]) -> str:
-    """Return which trials are kept, as a sentence."""
+def describe_safe(indices: Sequence[int], *, doubted: bool = False) -> str:
+    """Return that trials which passed are kept, or are doubted now, as a sentence."""
     if not indices:
         return "No trial has passed yet."
-    if len(indices) == 1:
-        return f"Trial {indices[0]} is safe."
-    if indices[-1] - indices[0] + 1 == len(indices):
-        return f"Trials {indices[0]} to {indices[-1]} are safe."
-    return f"Trials {', '.join(map(str, indices))} are safe."
-
-
-def describe_doubted(indices: Sequence[int]) -> str:
-    """Return that trials which passed are not kept, as a sentence."""
-    if not indices:
-        return describe_safe(indices)
-    which = describe_safe(indices).removesuffix(" safe.")
-    it = "it" if len(indices) == 1 else "them"
-    return f"{which} in doubt as well: the same sensor measured {it}."
+    trials, it = f"Trial {indices[0]} is", "it"
+    if len(indices) > 1:
+        is_range = indices[-1] - indices[0] + 1 == len(indices)
+        listed = f"{indices[0]} to {indices[-1]}" if is_range else ", ".join(map(str, indices))
+        trials, it = f"Trials {listed} are", "them"
+    return f"{trials} {f'in doubt as well: the same sensor measured {it}' if doubted else 'safe'}."
 
 
 def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:

@@ -37,8 +37,7 @@ class TrialResult:
     floors: Floors | None
     ceiling: Ceiling | None
     skill: dict[str, Skill]  # per score, its place between the no-contact floor and the ceiling
-    discriminates: dict[str, bool]  # per score, whether the right force beats every wrong one
-    # By how much it does so inside the contact, and how far that scatters.
+    # By how much the right force beats wrong ones inside the contact, and how far that scatters.
     force_margin: ForceMargin | None
     contact: ContactScores | None
     contact_no_contact_residual: float | None
@@ -46,7 +45,6 @@ class TrialResult:
     criteria: tuple[Criterion, ...]
     rates: dict[str, float] = field(default_factory=dict)
     streams: tuple[StreamSummary, ...] = ()
-    dwell_frame_count: int = 0
     replay: dict[str, object] = field(default_factory=dict)
 
 

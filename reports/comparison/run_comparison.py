@@ -32,7 +32,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     margins = wrong_forces.force_margins(evidence.trials)
     scatter = scatter_between(evidence.trials, contact_force_n=evidence.contact_force_n)
     trials = tuple(
-        _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index), scatter)
+        _compare_trial(trial, evidence, crossed, margins.get(trial.index), scatter)
         for trial in evidence.trials
     )
     statistics = _statistics(trials, evidence)
@@ -58,16 +58,10 @@ def _compare_trial(
     trial: TrialEvidence,
     evidence: RunEvidence,
     crossed: wrong_forces.CrossScores,
-    matrices: Sequence[wrong_forces.WrongForceMatrix],
     margin: wrong_forces.ForceMargin | None,
     scatter: Scatter,
 ) -> TrialResult:
     seen, model = compare_images(trial, evidence, crossed), evidence.model_of(trial.index)
-    discriminates = {
-        m.metric: m.diagonal_wins[m.trials.index(trial.index)]
-        for m in matrices
-        if trial.index in m.trials
-    }
     force = compare_force(
         trial,
         tolerance_n=evidence.thresholds.max_force_mismatch,
@@ -94,7 +88,6 @@ def _compare_trial(
         force_mismatch_n=force.mismatch_n,
         force=force,
         **seen,
-        discriminates=discriminates,
         force_margin=margin,
         criteria=criteria,
     )
@@ -145,7 +138,6 @@ def _pressed(trial: TrialEvidence) -> dict[str, Any]:
         "depth_simulated_m": None if replay is None else replay.depth_simulated_m,
         "rates": {} if record is None else dict(record.rates),
         "streams": trial.streams,
-        "dwell_frame_count": 0 if trial.images is None else trial.images.frame_count,
         "replay": {}
         if replay is None
         else {

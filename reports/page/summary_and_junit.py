@@ -96,13 +96,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "journal": to_plain(evidence.journal),
         "model": {} if evidence.model is None else to_plain(evidence.model),
         "other_models": to_plain(evidence.others),
-        "provenance": {
-            "versions": {},
-            "config_hash": None,
-            "seed": None,
-            "recorded": None,
-            **to_plain(evidence.provenance),
-        },
+        "provenance": to_plain(evidence.provenance),
     }
 
 

@@ -60,10 +60,8 @@ class ContactScores:
     mask_iou: float  # overlap of the two footprints over their union
     centroid_error_px: float  # distance of the footprints' centroids [px]
     radius_error_px: float  # simulated minus real radius of a disc of the footprint's area [px]
-    radius_real_px: float
     centroid_error_mm: float | None = None  # None when the scale [mm/px] is unknown
     radius_error_mm: float | None = None
-    radius_real_mm: float | None = None
 
 
 def image_change(image: ImageArray, reference: ImageArray) -> FloatArray:
@@ -198,7 +196,6 @@ def score_contact(
         radius_error_px = footprint_radius(other) - footprint_radius(footprint)
         iou = float((footprint & other).sum()) / float((footprint | other).sum())
     scale = scale_mm_px or (math.nan, math.nan)
-    mean_scale = math.sqrt(scale[0] * scale[1])
     return ContactScores(
         zncc=zero_mean_correlation(real_change[region], simulated_change[region]),
         relative_residual=relative_residual(real_change, simulated_change, region),
@@ -208,10 +205,8 @@ def score_contact(
         mask_iou=iou,
         centroid_error_px=math.hypot(*offset_px),
         radius_error_px=radius_error_px,
-        radius_real_px=footprint_radius(footprint),
         centroid_error_mm=finite(math.hypot(offset_px[0] * scale[0], offset_px[1] * scale[1])),
-        radius_error_mm=finite(radius_error_px * mean_scale),
-        radius_real_mm=finite(footprint_radius(footprint) * mean_scale),
+        radius_error_mm=finite(radius_error_px * math.sqrt(scale[0] * scale[1])),
     )
 
 
@@ -251,7 +246,6 @@ class LightResidual:
 
     gain: tuple[float, float, float]
     offset: tuple[float, float, float]  # [grey level]
-    pixel_fraction: float  # part of the frame that the fit used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,7 +254,6 @@ class Corrections:
 
     pose: PoseResidual | None
     light: LightResidual | None
-    metrics_pose_corrected: ImageScores | None
     metrics_pose_light_corrected: ImageScores | None
     # The light is taken out of the no-contact frame as well.
     contact_pose_light_corrected: ContactScores | None
@@ -291,7 +284,6 @@ def correct(
     return Corrections(
         pose=None if shift is None else _pose(shift, scale_mm_px),
         light=light,
-        metrics_pose_corrected=None if shift is None else score(real, moved),
         metrics_pose_light_corrected=metrics,
         contact_pose_light_corrected=contact,
     )
@@ -359,14 +351,13 @@ def fit_light(
     """Fit gain and offset per channel well outside the contact; None if too little lies there."""
     margin = LIGHT_MARGIN_RADII * footprint_radius(footprint)
     outside = distance_px(footprint) > margin
-    fraction = float(outside.mean())
     pair = (simulated, real)
-    if fraction < MIN_LIGHT_FRACTION:
+    if outside.mean() < MIN_LIGHT_FRACTION:
         return None
     # Noise in the fitted variable would pull the gain towards zero.
     x, y = (cv2.GaussianBlur(a.astype(np.float64), (0, 0), LIGHT_SMOOTHING_PX) for a in pair)
     gains, offsets = zip(*(_fit_line(x[outside, k], y[outside, k]) for k in range(3)), strict=True)
-    return LightResidual(gain=gains, offset=offsets, pixel_fraction=fraction)
+    return LightResidual(gain=gains, offset=offsets)
 
 
 def _fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:

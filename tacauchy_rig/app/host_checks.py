@@ -2,9 +2,7 @@
 
 import grp
 import os
-import platform
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -18,7 +16,7 @@ from tacauchy_rig.core.doctor_check import CheckResult, CheckStatus, failed, jud
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.store.atomic_write import existing_folder, free_bytes, writing
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session
-from tacauchy_rig.core.versions import ABSENT, installed
+from tacauchy_rig.core.versions import ABSENT, installed, versions
 
 _BLOCK_BYTES = 1 << 20
 _SYNC_INTERVAL_S = 0.25
@@ -85,16 +83,8 @@ def _rate_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
     return found if ratio >= 1.0 else replace(found, status=CheckStatus.FAIL)
 
 
-PACKAGES = (
-    "ur-rtde",
-    "pyserial",
-    "opencv-contrib-python-headless",
-    "numpy",
-    "scipy",
-    "warp-lang",
-    "mcap",
-    "pydantic",
-)
+_CLIENTS = ("ur-rtde", "pyserial")  # what else is missing stops the program before
+_INSTALL = "install with `make setup` or `pip install .`"
 _MIN_CORES = 2
 _MIN_MEMORY_BYTES = 4 * 2**30
 _MIN_DESCRIPTORS = 64
@@ -119,17 +109,14 @@ def host_checks(config: RigConfig) -> list[CheckResult]:
     ]
 
 
-def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
-    """Tell the versions that a record will name; fail where a package is missing."""
-    found = installed(*packages)
-    python = f"Python {found.pop('python')} on {platform.machine()}"
-    missing = [package for package, version in found.items() if version == ABSENT]
-    if missing or sys.version_info < (3, 11):
-        error = f"{python}; missing: {', '.join(missing) or 'nothing'}"
-        remedy = "Python 3.11 or newer is needed; install with `make setup` or `pip install .`"
-        return failed("host.versions", RigError(error, remedy=remedy))
-    listed = ", ".join(f"{package} {version}" for package, version in found.items())
-    return passed("host.versions", f"{python}; {listed}")
+def version_check(clients: Sequence[str] = _CLIENTS) -> CheckResult:
+    """Tell the versions that a record will name; fail where a client of devices is missing."""
+    listed = ", ".join(f"{name} {version}" for name, version in versions().items())
+    missing = [name for name, version in installed(*clients).items() if version == ABSENT]
+    if missing:
+        error = RigError(f"{listed}; missing: {', '.join(missing)}", remedy=_INSTALL)
+        return failed("host.versions", error)
+    return passed("host.versions", listed)
 
 
 def timer_check() -> CheckResult:

@@ -75,9 +75,6 @@ class TrialForce:
     index: int  # of the trial
     gain: float  # reading over true force [1]
     gain_uncertainty: float  # standard uncertainty of it [1]
-    # Zero of its curve relative to the other trials [N]; None without a curve
-    zero_n: float | None = None
-    zero_uncertainty_n: float | None = None  # standard uncertainty of it [N]
 
     @property
     def uncertainty(self) -> float:
@@ -125,10 +122,9 @@ def judge_forces(
     if not records:
         return ForceHistory(trials=(), sources=())
     accuracy = ARM_ACCURACY[model]
-    curve_source, zeros = _curve_source(records, accuracy)
     tried = (
         _arm_source(records, accuracy),
-        curve_source,
+        _curve_source(records, accuracy),
         _gel_source(records),
         None if weighed is None else _weight_source(len(records), weighed),
     )
@@ -139,8 +135,6 @@ def judge_forces(
             index=record.index,
             gain=math.exp(gain[k]),
             gain_uncertainty=math.exp(gain[k]) * math.sqrt(covariance[k, k]),
-            zero_n=zeros.get(k, (None, None))[0],
-            zero_uncertainty_n=zeros.get(k, (None, None))[1],
         )
         for k, record in enumerate(records)
     )
@@ -337,14 +331,13 @@ _ROUNDS = 5
 
 def _fit_curves(
     records: Sequence[TrialRecord], accuracy: ArmAccuracy
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """Fit one force-depth curve to all presses, and gain, zero and contact of each.
 
     Gauss-Newton on force = zero + gain * curve(depth + shift), with the curve linear between nodes.
 
     Returns:
-        Logarithms of the gains against that of the first, which is 0, and their covariance; the
-        zeros and their standard uncertainties [N], shape (presses, 2).
+        Logarithms of the gains against that of the first, which is 0, and their covariance.
     """
     count = len(records)
     depth_m = np.concatenate([record.press_depth_m for record in records])
@@ -387,32 +380,28 @@ def _fit_curves(
         state = state + inverse @ (matrix.T @ aim)
         curve, (gain, zero_n, shift_m) = state[:nodes], state[nodes:].reshape(3, count)
         gain = np.clip(gain, -2.0, 2.0)
-    gains, zeros = slice(nodes, nodes + count), slice(nodes + count, nodes + 2 * count)
-    zero_sd_n = np.sqrt(np.diag(inverse)[zeros])
-    return gain, inverse[gains, gains], np.column_stack([zero_n, zero_sd_n])
+    gains = slice(nodes, nodes + count)
+    return gain, inverse[gains, gains]
 
 
-def _curve_source(
-    records: Sequence[TrialRecord], accuracy: ArmAccuracy
-) -> tuple[_Source | None, dict[int, list[float]]]:
-    """Return the gains of later presses against the first, at the dwell, and the curves' zeros.
+def _curve_source(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Source | None:
+    """Return the gains of later presses against the first, at the dwell.
 
     What a reading lost while it was held adds to what its curve tells.
     """
     of = [k for k, record in enumerate(records) if len(record.press_depth_m) >= _MIN_POINTS]
     if len(of) < 2:
-        return None, {}
-    gain, covariance, zeros = _fit_curves([records[k] for k in of], accuracy)
+        return None
+    gain, covariance = _fit_curves([records[k] for k in of], accuracy)
     held = [_held_way(records[k]) or (0.0, CREEP_SHARE) for k in of]
     lost = np.array([share for share, _ in held])
     # Each press has errors of its own, the first as well: they are in every difference.
     own = np.diag([accuracy.depth_share**2 + deviation**2 for _, deviation in held])
     differ = np.eye(len(of))[1:]
     differ[:, 0] = -1.0
-    source = _Source(
+    return _Source(
         name="the force-depth curves of the trials",
         observed=differ @ (gain - lost),
         design=differ @ np.eye(len(records))[of],
         covariance=differ @ (covariance + own) @ differ.T,
     )
-    return source, dict(zip(of, zeros.tolist(), strict=True))

@@ -211,6 +211,7 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
             "versions": {"tacauchy-rig": "0.1.0", "numpy": "2.4.6"},
             "config_hash": "0f" * 32,
             "seed": 7,
+            "recorded": None,
             "devices": {
                 "robot": {
                     "driver": "emulated",

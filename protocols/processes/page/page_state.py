@@ -124,7 +124,7 @@ class View:
         now_s = time.monotonic()
         if now_s - self._disk[0] > DISK_S:
             usage = shutil.disk_usage(self._job.root)
-            self._disk = now_s, {"free_bytes": usage.free, "total_bytes": usage.total}
+            self._disk = now_s, {"free_bytes": usage.free}
             self.version += 1
 
     def setup(self) -> dict[str, Any]:

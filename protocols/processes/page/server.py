@@ -154,7 +154,7 @@ class PageServer:
                     seen = self._view.version
                     yield _event("run", self._view.run())
                 live, drawn = self._view.live(drawn)
-                yield _event("live", {**live, "watchers": self._watchers})
+                yield _event("live", live)
                 await asyncio.sleep(PERIOD_S)
         finally:
             self._watchers -= 1

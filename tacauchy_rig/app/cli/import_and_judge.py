@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.scene.scene import Drive, Preset
 from tacauchy_rig.app.cli.output import Found, Overrides, complain, say, writable_folder
 from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.time_limit_and_progress import doing, heard
@@ -18,7 +17,6 @@ from tacauchy_rig.core.time_limit_and_progress import doing, heard
 if TYPE_CHECKING:
     from reports.evidence.evidence_types import RunEvidence
     from reports.evidence.frames_and_curves import RunReading
-    from tacauchy_rig.core.config.settings import RigConfig
     from tacauchy_rig.core.simulated import Outputs
 
 
@@ -46,7 +44,7 @@ def import_(
         return None
     from tacauchy_rig.app.importing.importer import import_run
 
-    store = import_run(source, parent=out, overrides=overrides or (), check=_check)
+    store = import_run(source, parent=out, overrides=overrides or ())
     imported = store.imported.load()
     if imported is not None:
         say(f"imported {len(imported.trials)} presses from {imported.source} ({imported.kind})")
@@ -56,16 +54,6 @@ def import_(
     say(f"next: {command_line('calibrate', 'optics', store.paths.root)} for images of balls, or")
     say(f"      {command_line('replay', store.paths.root)}")
     return Found({"run": str(store.paths.root), "imported": imported})
-
-
-def _check(config: RigConfig) -> None:
-    """Refuse what nothing can be replayed with; the simulator is only loaded to ask for more."""
-    replay = config.replay
-    is_plain = replay.preset in {"auto", *Preset} and replay.drive in set(Drive)
-    if not is_plain or replay.tolerance is not None or replay.law is not None:
-        from tacauchy_rig.app.replay.simulator_inputs import inputs_of
-
-        inputs_of(config)
 
 
 class Baseline(StrEnum):

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.scene.indenter import describe
 from tacauchy_rig.app.importing.importer import MESH, PATH_FIELDS, RIG_FIELDS, RIG_TABLES, SPEC_NAME
 from tacauchy_rig.app.importing.press_detection import Samples, Window
 from tacauchy_rig.app.importing.text_tables import as_toml
+from tacauchy_rig.app.replay import simulator_inputs
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
-from tacauchy_rig.core.config.settings import IndenterKind
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.image_codec import decode_rgb
 from tacauchy_rig.core.registry import Kind, unknown
@@ -215,13 +216,7 @@ def _within(out: Path, field: str, value: str) -> str:
 
 def indenter_of(store: RunStore) -> str:
     """Return a run's indenter as ``press --indenter`` has it."""
-    replay, own = store.config.replay, store.config.indenter
-    if replay.indenter is not None:
-        return replay.indenter
-    size = f"diameter={1e3 * own.diameter:.9g}mm"
-    if own.kind is IndenterKind.SPHERE:
-        return f"sphere:{size}"
-    return f"cylinder:{size},fillet={1e3 * own.fillet:.9g}mm"
+    return store.config.replay.indenter or describe(simulator_inputs.indenter_of(store.config))
 
 
 def pad_centre(store: RunStore) -> tuple[float, float] | None:

@@ -1,24 +1,22 @@
 """``import FOLDER --init``: an ``import.toml`` of what a folder shows, with reasons."""
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from tacauchy_rig.app.importing.source_files import MIB, Source
 from tacauchy_rig.app.importing.text_tables import (
     ISO,
     UNKNOWN,
-    Column,
     Table,
+    instant,
     read_table,
     toml_value,
 )
-from tacauchy_rig.core.arrays import BoolArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.store.atomic_write import write_atomically
@@ -179,15 +177,11 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     found.head("data.columns")
     if column:
         found.say("image", column, "its cells name images of the folder")
-    is_rest = np.isin(table.cells(roles["state"]), states["unloaded"]) if states else False
-    negative = _columns(found, table, roles, is_rest)
+    _columns(found, table, roles)
     if "indenter" in roles:
         _indenters(found, table, roles["indenter"])
     words = [source.root.name, *images, *table.columns]
     _rig(found, words, has_terms="indenter" in roles)
-    if negative:
-        found.head("rig.force_sensor")
-        found.say("compression_sign", -1, f"{CHECK}: {negative}")
 
 
 def _largest(source: Source, tables: list[str]) -> Table:
@@ -262,26 +256,15 @@ def _states(table: Table, roles: Mapping[str, str]) -> dict[str, str]:
     return {"unloaded": rest[0], "pressed": held[0]} if rest and held else {}
 
 
-def _columns(
-    found: Guesses, table: Table, roles: Mapping[str, str], is_rest: BoolArray | bool = False
-) -> str:
-    """Write the columns; return why forces are taken to be negative in compression, or nothing."""
-    negative = ""
+def _columns(found: Guesses, table: Table, roles: Mapping[str, str]) -> None:
+    """Write the columns; signs are asked when numbers are imported."""
     for role, column in roles.items():
         dimension = _ROLES[role][0]
         if dimension is None:
             found.say(role, column, "its name")
             continue
         unit, reason = _unit(table, column, dimension)
-        value: dict[str, object] = {"column": column, "unit": unit}
-        middle = _middle(table, column, role == "force" and is_rest)
-        if role == "force" and middle < 0.0:
-            negative = f'forces in "{column}" are negative (median {middle:.3g})'
-        if role == "depth" and middle < 0.0:
-            value["sign"] = -1
-            reason = f"{CHECK}: depths are negative (median {middle:.3g}); {reason}"
-        found.say(role, value, reason)
-    return negative
+        found.say(role, {"column": column, "unit": unit}, reason)
 
 
 def _unit(table: Table, column: str, dimension: Dimension) -> tuple[str, str]:
@@ -295,27 +278,10 @@ def _unit(table: Table, column: str, dimension: Dimension) -> tuple[str, str]:
     cells = [cell for cell in table.cells(column)[:50] if cell.lower() not in UNKNOWN]
     is_number = all(re.fullmatch(r"[+-]?[\d.,eE+-]+", cell) for cell in cells)
     if dimension is Dimension.TIME and not is_number:
-        few = Table(name="", columns={column: 0}, rows=[[c] for c in cells], places=cells)
         for form in _FORMATS:
-            if np.isfinite(_tried(few, column, form)).all():
+            if all(math.isfinite(instant(cell, form)) for cell in cells):
                 return form, f"as in {cells[0]}"
     return usual, f"{CHECK}: its head says no unit, and {usual} is usual"
-
-
-def _tried(table: Table, column: str, unit: str) -> np.ndarray:
-    """Return a column as times; what is wrong with it is told to nobody."""
-    trial = Table(name="", columns=table.columns, rows=table.rows, places=table.places)
-    return trial.numbers(Column(column=column, unit=unit), Dimension.TIME, field="")
-
-
-def _middle(table: Table, column: str, is_rest: BoolArray | bool) -> float:
-    """Return the median of a column's numbers over those at rest that are not about zero."""
-    numbers = _tried(table, column, "s")
-    is_known = np.isfinite(numbers)
-    zero = numbers[is_known & is_rest]
-    known = numbers[is_known] - (np.median(zero) if len(zero) else 0.0)
-    large = known[np.abs(known) > 0.2 * np.abs(known).max(initial=0.0)]
-    return float(np.median(large)) if len(large) else 0.0
 
 
 def _indenters(found: Guesses, table: Table, column: str) -> None:

@@ -1,7 +1,7 @@
 """From a source and its ``import.toml`` to a run folder, as the store writes its own."""
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from importlib import import_module
@@ -19,7 +19,7 @@ from tacauchy_rig.app.importing.plausibility import check_presses
 from tacauchy_rig.app.importing.press_detection import Press, Recorded
 from tacauchy_rig.app.importing.source_files import MIB, Problems, Source
 from tacauchy_rig.app.importing.text_tables import FORMATS, as_toml
-from tacauchy_rig.app.replay.simulator_inputs import indenter_of
+from tacauchy_rig.app.replay.simulator_inputs import indenter_of, inputs_of
 from tacauchy_rig.core import run
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.config.load import (
@@ -327,20 +327,13 @@ class Spec(Section):
         return tables
 
 
-def import_run(
-    path: Path,
-    *,
-    parent: Path,
-    overrides: Sequence[str] = (),
-    check: Callable[[RigConfig], object] = lambda _: None,
-) -> RunStore:
+def import_run(path: Path, *, parent: Path, overrides: Sequence[str] = ()) -> RunStore:
     """Import what a file or a folder with ``import.toml`` describes, as a new run in ``parent``.
 
     Args:
         path: ``import.toml``, the folder that holds it, or one of ``BARE``.
         parent: Where the run's folder goes.
         overrides: ``table.field=value`` over the file, from the command line.
-        check: Refuses a configuration that nothing can be replayed with.
 
     Raises:
         RigError: Something is wrong; all that was met is told, by field, or by file and line.
@@ -356,7 +349,7 @@ def import_run(
         rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
         sensor = load_sensor(rig.config.sensor.name)
     with problems.noting():
-        check(rig.config)
+        inputs_of(rig.config)
     young_pa = rig.config.replay.young or sensor.material.young_pa
     odd = check_presses(
         recorded.presses,

@@ -136,7 +136,7 @@ class Table:
         if dimension is Dimension.TIME and (column.unit == ISO or "%" in column.unit):
             remedy = f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
             remedy += '"%d.%m.%Y %H:%M:%S.%f"'
-            times = np.array([_instant(cell, column.unit) for cell in cells])
+            times = np.array([instant(cell, column.unit) for cell in cells])
             return known(times, np.isnan(times), "is no time of the stated form", remedy)
         factor = math.nan
         with self.problems.noting():
@@ -189,7 +189,7 @@ def _number(cell: str, *, comma: bool) -> float:
     return float(plain) if _NUMBER.fullmatch(plain) else math.nan
 
 
-def _instant(cell: str, unit: str) -> float:
+def instant(cell: str, unit: str) -> float:
     """Return a date and time [s]; one without a zone counts as UTC."""
     try:
         found = datetime.fromisoformat(cell) if unit == ISO else datetime.strptime(cell, unit)

@@ -15,6 +15,10 @@ from tacauchy_rig.core.errors import RecordError
 
 logger = logging.getLogger(__name__)
 
+_ELSEWHERE = (
+    "name another place with FOLDER, --out, --json or run.output_directory; for what is kept "
+    "between commands, with the variable XDG_CACHE_HOME"
+)
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
@@ -108,14 +112,7 @@ def write_error(path: Path, error: OSError) -> RecordError:
     elif error.errno == errno.EROFS:
         problem = "its disk is read-only"
         remedy = "mount it for writing (`dmesg` says whether it failed)"
-    return RecordError(f"{path}: {problem}", remedy=f"{remedy}, or {_elsewhere(path)}")
-
-
-def _elsewhere(path: Path) -> str:
-    """Return what says where a file goes: of a command, or of what is kept between commands."""
-    in_cache = not {".cache", "tacauchy-rig"}.isdisjoint(path.parts)
-    asked = "FOLDER, --out, --json or run.output_directory"
-    return f"name another place with {'the variable XDG_CACHE_HOME' if in_cache else asked}"
+    return RecordError(f"{path}: {problem}", remedy=f"{remedy}, or {_ELSEWHERE}")
 
 
 def existing_folder(path: Path) -> Path:

@@ -166,7 +166,7 @@ def test_a_spreadsheet_of_a_lab(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("zero_gf", [-115.0, 115.0])
 def test_a_sign_is_of_forces_over_those_at_rest(tmp_path: Path, sign: int, zero_gf: float) -> None:
-    """A cell's zero may be larger than the forces, and of the other sign."""
+    """A cell's zero may be larger than the forces; a sign that no file states is asked for."""
     force = lab(tmp_path / "lab", np.random.default_rng(7), 4)
     table = tmp_path / "lab" / "messung.csv"
     head, *rows = table.read_text("utf-8-sig").splitlines()
@@ -177,10 +177,13 @@ def test_a_sign_is_of_forces_over_those_at_rest(tmp_path: Path, sign: int, zero_
             number = comma(zero_gf + sign * felt / GF)
             shown.append(";".join([cells[0], state, cells[1], shot, cells[3], number, *cells[5:]]))
     table.write_text("\n".join(shown), "utf-8")
-    path, _ = write_guess(tmp_path / "lab")
-    rig = tomllib.loads(path.read_text())["rig"]
-    assert rig.get("force_sensor", {}).get("compression_sign", 1) == sign
-    store = import_run(tmp_path / "lab", parent=tmp_path)
+    write_guess(tmp_path / "lab")
+    stated = [f"rig.force_sensor.compression_sign={sign}"]
+    if sign < 0:
+        with pytest.raises(RecordError, match="all 4 forces are negative") as refused:
+            import_run(tmp_path / "lab", parent=tmp_path)
+        assert stated[0].replace("=", " = ") in refused.value.remedy
+    store = import_run(tmp_path / "lab", parent=tmp_path, overrides=stated)
     assert [r.force_measured_n for r in counting(store)] == pytest.approx(force, abs=1e-5)
 
 

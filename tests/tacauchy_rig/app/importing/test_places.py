@@ -20,7 +20,7 @@ from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.app.replay.open_run import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report_run import report_run
-from tacauchy_rig.app.replay.simulator_inputs import inputs_of, parts_of
+from tacauchy_rig.app.replay.simulator_inputs import parts_of
 from tacauchy_rig.core.arrays import content_hash
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.image_codec import encode_png
@@ -219,7 +219,7 @@ def imported(folder: Path, *rows: str, force: bool = True, images: bool = False)
     text = text.replace("[rig.replay]", '[rig.replay]\npreset = "fast"\npose = "stated"')
     text = text.replace("[rig.sensor]", f'{axes}\nindenter = "tool"\n[rig.sensor]')
     (folder / "import.toml").write_text(text)
-    return import_run(folder, parent=folder.parent, check=inputs_of)
+    return import_run(folder, parent=folder.parent)
 
 
 def blob(folder: Path, name: str, *, x_px: int = 0) -> None:
