@@ -39,7 +39,7 @@ _BEFORE = 3  # rounds of colours and circles before shadows, which bring one mor
 _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
-_SOFTNESS_M, _SPREAD = 2e-5, 0.1
+_SOFTNESS_M, _SPREAD, _WIDEST = 2e-5, 0.1, 0.5  # wider, brighter lamps look alike
 _BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
 _SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
@@ -176,8 +176,8 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
 
 
 def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
-    """Give lamps colours, shape [lamp_count, 3]; none is below zero."""
-    pairs = zip(shadows.lamps, np.maximum(colours, 0.0).tolist(), strict=True)
+    """Give lamps colours, shape [lamp_count, 3]."""
+    pairs = zip(shadows.lamps, colours.tolist(), strict=True)
     return replace(shadows, lamps=[replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs])
 
 
@@ -279,21 +279,20 @@ class _LostLight:
 
 
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
-    """Return colours, none below zero, that solve normal equations, and what they change.
+    """Return colours that solve normal equations, and what they change.
 
     The equations have the shapes [3, lamp_count, lamp_count] and [3, lamp_count], colours
-    [lamp_count, 3].
+    [lamp_count, 3]. A camera that tells colours apart by a matrix shows a lamp below zero in some.
     """
     pairs = zip(normal, load, strict=True)
-    colours = np.maximum([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs], 0.0)
-    change = np.einsum("ci,cij,cj->", colours, normal, colours) - 2.0 * np.sum(colours * load)
-    return colours.T, float(change)
+    colours = np.array([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs])
+    return colours.T, -float(np.sum(colours * load))
 
 
 def _moved(shadows: ShadowCaster, name: str, index: int, by: float) -> ShadowCaster:
     """Change a lamp's azimuth by an angle, its elevation or distance by a factor, or the spread."""
     if name == "spread":
-        return replace(shadows, spread=shadows.spread * math.exp(4.0 * by))
+        return replace(shadows, spread=min(shadows.spread * math.exp(4.0 * by), _WIDEST))
     lamps = list(shadows.lamps)
     value = getattr(lamps[index], name)
     value = value + by if name == "azimuth_rad" else value * math.exp(by)
