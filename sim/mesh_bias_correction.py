@@ -7,7 +7,7 @@ On a mesh whose edges follow the contact's size the bias of F_z is
 
 under any body. Under a smooth one deeper presses err by more, with the contact's radius:
 
-    bias = share + slope u + gap d_hat / depth + squeeze depth / radius + thin u radius / height
+    bias = share + slope u + gap d_hat / depth + squeeze depth / radius + thin radius / height
            + grip (1 + u / 20) mu depth / height
 
 A revolved mesh is distorted between the contact and a near side of the pad, which adds to the
@@ -78,7 +78,7 @@ class BiasRule:
     slope: float = 0.0  # for one of u
     gap: float = 0.0  # for one of d_hat over the depth
     squeeze: float = 0.0  # for one of depth over radius
-    thin: float = 0.0  # for one of u times radius over the pad's height
+    thin: float = 0.0  # for one of radius over the pad's height
     grip: float = 0.0  # for one of mu times depth over the pad's height, where u is 0
     layered: float = 0.0  # more for a gel of layers
     beside: float = 0.0  # more for a contact centred near the pad's outline
@@ -90,7 +90,7 @@ class BiasRule:
         pad, height, depth = scene.pad, scene.pad.height_m, expected_depth(scene)
         radius = contact_radius(scene, depth)
         u = min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
-        locking = (self.slope + self.thin * radius / height) * u
+        locking = self.slope * u + self.thin * radius / height
         share = self.share + self.gap * min(scene.contact_distance_m / depth, _GAP_MOST)
         share += self.squeeze * depth / radius + self.layered * bool(scene.layers)
         if scene.contact is ContactMode.FRICTION:
@@ -106,7 +106,7 @@ class BiasRule:
         depth = expected_depth(scene)
         deep = _DEEP_REST * depth / contact_radius(scene, depth)
         least = max(self.least_rest, fold_error(scene), deep)
-        return share * max(self.of_bias * self.bias(scene), least)
+        return 0.5 * (1.0 + share) * max(self.of_bias * self.bias(scene), least)
 
 
 def fold_error(scene: Scene) -> float:
@@ -124,12 +124,13 @@ def fold_error(scene: Scene) -> float:
 # left, comes from later ones.
 _FAST = BiasRule(
     0.45,
-    0.0105,
-    slope=0.0019,
+    0.0107,
+    slope=0.00145,
     gap=0.098,
     squeeze=0.0355,
-    thin=-0.0016,
-    layered=0.0094,
+    thin=-0.0077,
+    grip=0.058,
+    layered=0.0069,
     of_bias=0.2,
     beside=0.0092,
 )
@@ -137,26 +138,25 @@ _UNDER_BALL: dict[float, BiasRule] = {
     1.0: _FAST,
     1.4: BiasRule(
         0.6,
-        0.003,
-        slope=0.0008,
+        0.0033,
+        slope=0.00065,
         squeeze=0.0158,
-        thin=-0.00024,
         grip=0.0125,
-        layered=0.0015,
+        layered=0.0029,
         of_bias=0.1,
         beside=0.009,
     ),
 }
-_PUNCH_FAST = replace(_FAST, least_rest=0.008, thin=0.0, grip=0.031, layered=0.0, finest=0.0101)
+_PUNCH_FAST = replace(_FAST, least_rest=0.0087, slope=0.0015, thin=0.0, grip=0.036, finest=0.0101)
 _UNDER_PUNCH = {
     1.0: _PUNCH_FAST,
     1.6: BiasRule(
-        0.8, 0.0036, share=0.0053, slope=0.00035, layered=0.0055, of_bias=0.1, beside=0.0025
+        0.8, 0.0045, share=0.0063, slope=0.00035, layered=0.0055, of_bias=0.1, beside=0.0025
     ),
 }
 _UNDER_PUNCH_THAT_HOLDS = {
     1.0: _PUNCH_FAST,
-    2.2: BiasRule(1.4, 0.002, slope=0.00018, grip=0.025, of_bias=0.1),
+    2.2: BiasRule(1.4, 0.003, slope=0.00018, grip=0.025, of_bias=0.1),
 }
 # Meshes around a footprint are finer still at the contact's edge: 25 bodies of all kinds; edges of
 # 1/0.6: 57 bodies of triangles, of 1/1.6: 53. Of these the share lies between the references: edges
