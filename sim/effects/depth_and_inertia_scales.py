@@ -59,7 +59,7 @@ def expected_force(scene: Scene) -> float:
 def most_force(scene: Scene) -> float:
     """Return a force that no gel carries before the indenter has come to its base [N]."""
     stiffest = max(scene.materials, key=lambda material: material.young_pa)
-    share = stiffest.young_pa / scene.material.young_pa
+    share = stiffest.young_pa / _young(scene)
     return _BEYOND * share * _layer_force(scene, scene.pad.height_m)
 
 
@@ -67,9 +67,15 @@ def _layer_force(scene: Scene, depth_m: float) -> float:
     radius = contact_radius(scene, depth_m)
     ratio = radius / scene.pad.height_m
     kappa = 1.0 + 1.2 * ratio + 1.42 * ratio**2
-    material = scene.material
     shape = 2.0 if isinstance(scene.indenter, Cylinder) else 4.0 / 3.0
-    return shape * radius * material.young_pa * depth_m * kappa / (1.0 - material.poisson**2)
+    return shape * radius * _young(scene) * depth_m * kappa / (1.0 - scene.material.poisson**2)
+
+
+def _young(scene: Scene) -> float:
+    """Return the modulus of a gel, of its layers in series [Pa]."""
+    if not scene.layers:
+        return scene.material.young_pa
+    return 1.0 / sum(layer.share / layer.material.young_pa for layer in scene.layers)
 
 
 def has_several_equilibria(scene: Scene) -> bool:
