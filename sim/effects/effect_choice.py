@@ -117,7 +117,7 @@ def _why_needed(scene: Scene, plan: EffectPlan) -> str:
     """Say why a scene needs its friction without a try, or nothing."""
     if any(scene.motion.shift_m) or scene.motion.twist_rad:
         return "the indenter moves along the gel"
-    if is_cut(scene, slides=False):
+    if is_cut(scene) or is_cut(scene, slides=False):
         return "an acute corner this deep cuts gel that slides"
     for output in (Output.SHEAR, Output.MARKERS):
         allowed = plan.tolerances.get(output)

@@ -18,7 +18,7 @@ from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
-from sim.solve.refused_overlap import OVERLAP_SHARE, base_depth_m, overlap_fraction
+from sim.solve.refused_overlap import base_depth_m, overlap_fraction
 from sim.solve.weight_and_inertia import Inertia, Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -52,6 +52,8 @@ _EVEN_SHARE = 0.1
 _LONGER = 1e-3
 # Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
+# Of d_hat: a prediction that overlaps more is none. After gel slipped it would slip again so far.
+_PREDICTED_OVERLAP = 0.4
 # Residual over the contact force of an intermediate state, and over that of the last one where the
 # depth is given. The next one is extrapolated from these, the better the more exact they are.
 _INTERMEDIATE, _OVER_LAST = 1e-4, 10.0
@@ -363,7 +365,7 @@ class Stepping:
             state.tip[2] = self.touch_m - (at + advance)
         if model.contact_options.extension < 1.0:  # a parabola throughout forgives any overlap
             gaps = model.surface.gaps(state.positions, self.indenter, state)
-            if not gaps.min() >= -OVERLAP_SHARE * model.height_m:
+            if not gaps.min() >= -_PREDICTED_OVERLAP * model.contact_options.distance_m:
                 return None
         return state
 
@@ -410,9 +412,7 @@ class Stepping:
         if load_n is not None:
             load_n = load_n / model.mesh.symmetry.copies
             wanted, rougher = min(wanted, options.load_relative), _INTERMEDIATE
-        if intermediate:
-            wanted = rougher
-        options = replace(options, residual_relative=wanted)
+        options = replace(options, residual_relative=rougher if intermediate else wanted)
         found = solver.settle(state, load_n=load_n, must_touch=must_touch, options=options)
         if model.contact_options.bonded:
             model.surface.refresh_grip(solver.indenter, state)
