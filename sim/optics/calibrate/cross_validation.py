@@ -50,12 +50,13 @@ def render_presses(
     presses: Sequence[BallPress], calibration: Calibration
 ) -> tuple[list[RenderedPress], list[RenderedPress]]:
     """Render presses that the model need not have seen, as labelled and with nudged circles."""
-    labelled, nudged = [], []
+    labelled, nudged, scene = [], [], calibration.scene
     for press in presses:
         placed = _lit(press, press.circle, calibration)
         labelled.append(_rendered(press, placed, calibration))
         for _ in range(_NUDGES):
-            placed = _lit(press, calibration.scene.nudged(placed, calibration.model), calibration)
+            circle = scene.nudged(placed, calibration.model, calibration.blur_px)
+            placed = _lit(press, circle, calibration)
         nudged.append(_rendered(press, placed, calibration))
     return labelled, nudged
 

@@ -111,7 +111,7 @@ def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> Bal
     gain = found.model.gain(found.model.response.light(found.scene.background))
     taken = _blurred(_darkened(found.shadows, found.scene, circle) * gain, found.blur_px)
     image = np.clip(np.rint(press.image - taken), 0, 255)
-    return replace(press, image=image.astype(np.uint8))
+    return replace(press, image=image.astype(np.uint8), shadow=taken)
 
 
 def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
@@ -138,10 +138,10 @@ def calibrate_with_shadows(
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
     for steps in _ROUNDS:
         shadows = _fitted(presses, found, shadows, steps)
-        known = replace(found, shadows=shadows)
+        known = _coloured(presses, replace(found, shadows=shadows))
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
-        known = calibrate_optics(lit, scene, found, rounds=1)
-        known = replace(known, shadows=shadows, blur_px=found.blur_px)
+        moved = calibrate_optics(lit, scene, known, rounds=1)
+        known = replace(moved, shadows=known.shadows, blur_px=found.blur_px)
         found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
     return found
 
