@@ -265,7 +265,7 @@ class PressScene:
         mixed = [np.array([*by, 0.0]) for by in product(ways, repeat=2)]
         shadow_moves = np.zeros((len(rows), 3, 3))
         if placed.press.shadow is not None:
-            slopes = np.gradient(placed.press.shadow, axis=(0, 1))
+            slopes = (np.gradient(placed.press.shadow, axis=axis) for axis in (0, 1))
             down, right = (each[rows, columns] for each in slopes)
             outward = (columns - was[0])[:, None] * right + (rows - was[1])[:, None] * down
             shadow_moves = -np.stack([right, down, outward / was[2]], axis=2)

@@ -142,8 +142,8 @@ def calibrate_with_shadows(
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
         moved = calibrate_optics(lit, scene, known, rounds=1)
         known = replace(moved, shadows=known.shadows, blur_px=found.blur_px)
-        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
-    return found
+        found = with_blur(known.placed(lit), known, turns=_SHADED_TURNS)
+    return _coloured(presses, found)
 
 
 def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
