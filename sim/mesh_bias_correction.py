@@ -137,9 +137,9 @@ _UNDER_BALL: dict[float, BiasRule] = {
     1.4: BiasRule(
         0.6,
         0.0033,
-        share=-0.0018,
+        share=-0.0008,
         slope=0.0008,
-        gap=0.043,
+        gap=0.02,
         squeeze=0.0158,
         grip=0.0125,
         layered=0.0015,
@@ -289,5 +289,5 @@ def correction(
         depth_m=depth,
         error_relative=left,
         bias_relative=bias,
-        basis=f"corrected for the bias of the mesh, {bias:.2%} of F_z at a given depth",
+        basis=f"remaining after correction for the mesh bias ({bias:.2%} of F_z at a given depth)",
     )
