@@ -120,8 +120,8 @@ def fold_error(scene: Scene) -> float:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to 178
-# drawn scenes; from edges of 1/1.4 on to 252 others. What is stated, and the small terms of edges of
-# 1/1.4 and 1/2.2, are from 168 later ones, of which 96 and 95 % keep it.
+# drawn scenes; from edges of 1/1.4 on to 252 others. What is stated, and the small terms of edges
+# of 1/1.4 and 1/2.2, are from 168 later ones, of which 96 and 95 % keep it.
 _UNDER_BALL: dict[float, BiasRule] = {
     1.0: BiasRule(
         0.45,
