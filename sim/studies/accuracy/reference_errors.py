@@ -87,8 +87,8 @@ def reseeded(configuration: Configuration, seed: int) -> Configuration:
     """Return the same settings on another mesh: edges shorter or longer by up to 7 %.
 
     The meshes of the presets are built, not drawn, so that a seed can only mean another size. The
-    paper's mesh is the one that ships: fTetWild does not give the same one twice. A bias is known of
-    some edges only.
+    paper's mesh is the one that ships: fTetWild does not give the same one twice. The bias is known
+    of some edges only.
     """
     if seed == 0 or configuration.is_corrected or configuration.preset is Preset.PAPER:
         return configuration
