@@ -87,7 +87,7 @@ def test_a_locking_element_is_seen_as_too_stiff() -> None:
 
     Towards that limit errors fall by 1.5 squared, as it was extrapolated; half of what is left is
     doubted. What is not extrapolated may be off by what order 1 leaves, of two coarser meshes the
-    one that tells more.
+    one that tells more, or by what edges 7 % longer or shorter change.
     """
     judge = _judge(_EXACT)
     rows = finished([judge.row(each) for each in (_EXACT, _COARSE, _COARSEST, _LINEAR)])
@@ -96,6 +96,7 @@ def test_a_locking_element_is_seen_as_too_stiff() -> None:
     assert coarse.errors["force"] == pytest.approx(1.5**2 * exact.errors["force"], rel=1e-6)
     assert judge.bars["force"] == pytest.approx(0.5 * abs(exact.errors["force"]), rel=1e-6)
     told = [2.0 * abs(coarse.errors["radius"]), abs(coarsest.errors["radius"]) / (1.5**2 - 1.0)]
+    told += [abs(judge.row(_EXACT.refined(by)).errors["radius"]) for by in (0.93, 1.07)]
     assert judge.bars["radius"] == pytest.approx(max(told), rel=1e-6)
     assert linear.errors["force"] > 0.05
     assert linear.errors["depth"] < 0.0
