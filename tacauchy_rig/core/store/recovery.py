@@ -2,6 +2,7 @@
 
 import fcntl
 import heapq
+import math
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -30,11 +31,14 @@ from tacauchy_rig.core.store.run_files import (
     RunPaths,
     file_sha256,
     open_file,
+    run_root_of,
 )
 from tacauchy_rig.core.store.run_store import RunStore
 
 _CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it is written
 _BEGIN, _END = "attempt-start", "attempt-end"
+_SPILL_MARGIN_NS = 10**9
+"""A sample may have waited for so long when an attempt began, and come so late after its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,10 +151,29 @@ class _Recovery:
         trial = self.path.parent.parent.name
         if not (attempt.isdecimal() and trial.isdecimal()):
             return ""
-        for name, number in (("trial", int(trial)), ("attempt", int(attempt))):
+        key = {"trial": int(trial), "attempt": int(attempt)}
+        for name, number in key.items():
             if (stated := spill.metadata.get(name)) not in (None, str(number)):
                 return f"{spill.path}: it is of {name} {stated}"
+        first_ns, last_ns = self._window(**key)
+        is_early = spill.start_ns < first_ns - _SPILL_MARGIN_NS
+        if is_early or spill.end_ns > last_ns + _SPILL_MARGIN_NS:
+            return (
+                f"{spill.path}: its messages are from {spill.start_ns} to {spill.end_ns} ns, and "
+                f"the attempt was from {first_ns:.0f} to {last_ns:.0f} ns"
+            )
         return ""
+
+    def _window(self, trial: int, attempt: int) -> tuple[float, float]:
+        """Return when an attempt began and ended [ns], as far as journal and recording tell."""
+        events = Journal.read(RunPaths(run_root_of(self.path)).journal).events
+        own = [e for e in events if (e.trial, e.attempt) == (trial, attempt)]
+        own += self.recording.events() if self.recording else []
+        begun = [e.stamp_ns for e in own if e.name == _BEGIN]
+        ended = [e.stamp_ns for e in own if e.name == _END]
+        first_ns = min(begun, default=-math.inf)
+        later = [e.stamp_ns for e in events if e.name == _BEGIN and e.stamp_ns > first_ns]
+        return first_ns, max(ended) if ended else min(later, default=math.inf)
 
     def _repacked(self) -> RecoveryReport:
         """Put a file with the messages of recording and spills in the place of the recording."""

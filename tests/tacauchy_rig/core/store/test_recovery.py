@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 from mcap.reader import make_reader
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.json_codec import dumps
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.recording.mcap_writer import Recorded, RecordingWriter
@@ -145,15 +147,27 @@ def test_a_closed_recording_is_never_written_again(finished: Path, samples: Any)
     assert recover_recording(finished).problems == ()
 
 
-@pytest.mark.parametrize("name", ["trial", "attempt"])
-def test_a_spill_of_another_attempt_is_refused(finished: Path, samples: Any, name: str) -> None:
-    """By what it says of itself."""
+@pytest.mark.parametrize(
+    ("metadata", "shift_s", "word"),
+    [({"trial": "2"}, 0.0, "it is of trial 2"), ({"trial": "1"}, 9.0, "its messages are from")],
+)
+def test_a_spill_of_another_attempt_is_refused(
+    finished: Path, samples: Any, metadata: dict[str, str], shift_s: float, word: str
+) -> None:
+    """By what it says of itself, or by its stamps, which lie after the attempt's end."""
     finished.write_bytes(finished.read_bytes()[:50_000])
-    spilled(finished.parent, "control", samples.force(41), **{name: "2"})
+    start_ns = samples.force(0).stamp_ns
+    for name, stamp_ns in (("attempt-start", start_ns), ("attempt-end", start_ns + 10**9)):
+        event = JournalEvent(stamp_ns=stamp_ns, name=name, trial=1, attempt=1)
+        append_event(finished.parents[3] / "journal.jsonl", event)
+    (finished.parents[3] / "run.json").write_text("{}", "utf-8")
+    sample = samples.force(41)
+    later = replace(sample, stamp_ns=sample.stamp_ns + round(shift_s * 1e9))
+    spilled(finished.parent, "control", later, **metadata)
     report = recover_recording(finished)
     assert report.changed
     assert report.merged_count == 0
-    assert f"it is of {name} 2" in report.problems[0]
+    assert word in report.problems[0]
     assert (finished.parent / "unacknowledged-control.mcap.refused").exists()
 
 
