@@ -82,8 +82,6 @@ class BallPress:
     circle: Circle
     tracks: MarkerTracks | None = None  # of the gel's markers; None where it has none
     hidden: BoolArray | None = None  # where the gel is not seen, [height, width]; None is nowhere
-    # Change by shadows that the image is without [grey levels], [height, width, 3]; None is no such
-    shadow: FloatArray | None = None
 
     @property
     def shown(self) -> BoolArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -249,36 +248,22 @@ class PressScene:
             seen.change[moved] -= pixels.predict(circle)
         return _fit_light(seen, self.normalised(columns, rows), level_only=model is None)
 
-    def nudged(self, placed: PlacedPress, model: PhotometricModel, blur_px: float = 0.0) -> Circle:
-        """Move a circle to where model, blur and shadows explain the image best.
-
-        Its label pulls weakly. A shadow moves and grows with the contact.
-        """
-        label, was = np.array(placed.press.circle), np.array(placed.circle)
+    def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
+        """Move a circle to where the model explains the image best; its label pulls weakly."""
+        label = np.array(placed.press.circle)
         rows, columns = self.pixels_around(placed.press)
         expected = self.expected(rows, columns, placed.light)
         seen = seen_change(placed.press.image[rows, columns], expected)
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
         pixels = PredictedPixels(self, model, columns, rows)
-        # Points of the gel that a blur mixes, as contacts that lie elsewhere
-        ways = (-blur_px, blur_px) if blur_px else (0.0,)
-        mixed = [np.array([*by, 0.0]) for by in product(ways, repeat=2)]
-        shadow_moves = np.zeros((len(rows), 3, 3))
-        if placed.press.shadow is not None:
-            slopes = (np.gradient(placed.press.shadow, axis=axis) for axis in (0, 1))
-            down, right = (each[rows, columns] for each in slopes)
-            outward = (columns - was[0])[:, None] * right + (rows - was[1])[:, None] * down
-            shadow_moves = -np.stack([right, down, outward / was[2]], axis=2)
 
         def residual(numbers: FloatArray) -> FloatArray:
             move = numbers - _SEARCH_PX
-            seen_by = [pixels.predict(_circle(label + move + by)) for by in mixed]
-            change = np.mean(seen_by, axis=0) + shadow_moves @ (label + move - was)
-            misfit = seen.misfit(change).ravel()
+            misfit = seen.misfit(pixels.predict(_circle(label + move))).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
-        start = was - label + _SEARCH_PX
+        start = np.array(placed.circle) - label + _SEARCH_PX
         found = least_squares(residual, start, **_SEARCH)
         return _circle(label + found.x - _SEARCH_PX)
 

@@ -53,18 +53,18 @@ def calibrate_optics(
     if not presses:
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
     check_presses_fit(presses, scene.background.astype(np.uint8))
-    blur_px = start.blur_px if start else 0.0
     if start is None:
         found = ((press, press.circle, scene.light(press, press.circle, None)) for press in presses)
         placed = [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
         averaged = scene
         model = fit_model(placed, scene)
     else:
-        placed, averaged, model = start.placed(presses), start.scene, start.model
+        placed, averaged = start.placed(presses), start.scene
+        model = fit_model(placed, averaged, start.model, settled=True)
     for turn in range(rounds):
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
-            placed[i] = replace(lit, circle=averaged.nudged(lit, model, blur_px))
+            placed[i] = replace(lit, circle=averaged.nudged(lit, model))
         # Until the last round no other pixels are looked at.
         stride = 1 if turn == rounds - 1 else placing.STRIDE
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene, stride))

@@ -50,13 +50,12 @@ def render_presses(
     presses: Sequence[BallPress], calibration: Calibration
 ) -> tuple[list[RenderedPress], list[RenderedPress]]:
     """Render presses that the model need not have seen, as labelled and with nudged circles."""
-    labelled, nudged, scene = [], [], calibration.scene
+    labelled, nudged = [], []
     for press in presses:
         placed = _lit(press, press.circle, calibration)
         labelled.append(_rendered(press, placed, calibration))
         for _ in range(_NUDGES):
-            circle = scene.nudged(placed, calibration.model, calibration.blur_px)
-            placed = _lit(press, circle, calibration)
+            placed = _lit(press, calibration.scene.nudged(placed, calibration.model), calibration)
         nudged.append(_rendered(press, placed, calibration))
     return labelled, nudged
 

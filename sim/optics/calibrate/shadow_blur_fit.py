@@ -39,7 +39,7 @@ _BEFORE = 3  # rounds of colours and circles before shadows, which bring one mor
 _ROUNDS = ((0.2, 0.1, 0.05), (0.05, 0.025, 0.0125))
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 # Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
-_SOFTNESS_M, _SPREAD, _WIDEST = 2e-5, 0.1, 0.5  # wider, brighter lamps look alike
+_SOFTNESS_M, _SPREAD = 2e-5, 0.1
 _BLUR_TURNS, _SHADED_TURNS = 5, 3  # the latter is beside each search for lamps
 _SETTLED_PX, _LEAST_SHARE = 0.05, 0.2
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
@@ -111,7 +111,7 @@ def without_shadows(press: BallPress, circle: Circle, found: Calibration) -> Bal
     gain = found.model.gain(found.model.response.light(found.scene.background))
     taken = _blurred(_darkened(found.shadows, found.scene, circle) * gain, found.blur_px)
     image = np.clip(np.rint(press.image - taken), 0, 255)
-    return replace(press, image=image.astype(np.uint8), shadow=taken)
+    return replace(press, image=image.astype(np.uint8))
 
 
 def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
@@ -138,12 +138,12 @@ def calibrate_with_shadows(
     shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
     for steps in _ROUNDS:
         shadows = _fitted(presses, found, shadows, steps)
-        known = _coloured(presses, replace(found, shadows=shadows))
+        known = replace(found, shadows=shadows)
         lit = [without_shadows(*pair, known) for pair in zip(presses, known.circles, strict=True)]
-        moved = calibrate_optics(lit, scene, known, rounds=1)
-        known = replace(moved, shadows=known.shadows, blur_px=found.blur_px)
-        found = with_blur(known.placed(lit), known, turns=_SHADED_TURNS)
-    return _coloured(presses, found)
+        known = calibrate_optics(lit, scene, found, rounds=1)
+        known = replace(known, shadows=shadows, blur_px=found.blur_px)
+        found = _coloured(presses, with_blur(known.placed(lit), known, turns=_SHADED_TURNS))
+    return found
 
 
 def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
@@ -176,8 +176,8 @@ def _coloured(presses: Sequence[BallPress], found: Calibration) -> Calibration:
 
 
 def _with_colours(shadows: ShadowCaster, colours: FloatArray) -> ShadowCaster:
-    """Give lamps colours, shape [lamp_count, 3]."""
-    pairs = zip(shadows.lamps, colours.tolist(), strict=True)
+    """Give lamps colours, shape [lamp_count, 3]; none is below zero."""
+    pairs = zip(shadows.lamps, np.maximum(colours, 0.0).tolist(), strict=True)
     return replace(shadows, lamps=[replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs])
 
 
@@ -279,20 +279,21 @@ class _LostLight:
 
 
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
-    """Return colours that solve normal equations, and what they change.
+    """Return colours, none below zero, that solve normal equations, and what they change.
 
     The equations have the shapes [3, lamp_count, lamp_count] and [3, lamp_count], colours
-    [lamp_count, 3]. A camera that tells colours apart by a matrix shows a lamp below zero in some.
+    [lamp_count, 3].
     """
     pairs = zip(normal, load, strict=True)
-    colours = np.array([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs])
-    return colours.T, -float(np.sum(colours * load))
+    colours = np.maximum([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs], 0.0)
+    change = np.einsum("ci,cij,cj->", colours, normal, colours) - 2.0 * np.sum(colours * load)
+    return colours.T, float(change)
 
 
 def _moved(shadows: ShadowCaster, name: str, index: int, by: float) -> ShadowCaster:
     """Change a lamp's azimuth by an angle, its elevation or distance by a factor, or the spread."""
     if name == "spread":
-        return replace(shadows, spread=min(shadows.spread * math.exp(4.0 * by), _WIDEST))
+        return replace(shadows, spread=shadows.spread * math.exp(4.0 * by))
     lamps = list(shadows.lamps)
     value = getattr(lamps[index], name)
     value = value + by if name == "azimuth_rad" else value * math.exp(by)
