@@ -170,6 +170,7 @@ class Batch:
         self._standoff_m = contact.distance_m
         nodes = (self.count, len(model.nodes))
         shapes = {"tips": (self.count, 2), "touched": (self.count, 13), "last": nodes}
+        shapes["gaps"] = self.descents.memory.gaps.shape
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
         hats = quarter_hats(model.reference.face_points)

@@ -21,8 +21,9 @@ _MOST_BIAS = wp.constant(wp.float64(0.5))
 _LIGHT_LEFT = wp.constant(wp.float64(0.035))
 # How far above its first goal an indenter begins to come down [m].
 _ABOVE = wp.constant(wp.float64(1.0))
-# Where an environment is between two parts of its way.
-_WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
+# Where an environment is: it waits for its next part, is under way, or has come to a part's end
+# where ``note`` has to say whether its load is corrected.
+_WAITS, _UNDER_WAY, _IS_LOOKED_AT = wp.constant(0), wp.constant(1), wp.constant(2)
 Known = wp.types.vector(length=5, dtype=wp.float64)  # factors of ``ForceBias.known``
 
 
@@ -52,8 +53,10 @@ class History:
     moves: wp.array(dtype=wp.int32)  # 1 where an environment has frames to go to
     lowered: wp.array(dtype=wp.int32)  # 1 where its indenter has come down to the gel
     comes: wp.array(dtype=wp.int32)  # 1 where it comes down now
-    stage: wp.array(dtype=wp.int32)  # it waits for its next part, or is under way
+    stage: wp.array(dtype=wp.int32)  # it waits for its next part, is under way or looked at
     arrives: wp.array(dtype=wp.int32)  # 1 where it has just arrived
+    ends: wp.array(dtype=wp.int32)  # the frame whose end that is; -1 where it is no frame's
+    gaps: wp.array2d(dtype=wp.float64)  # of the contact points there [m], shape [..., point_count]
     starts: wp.array(dtype=wp.int32)  # 1 where it has just begun a part
     settled: wp.array(dtype=wp.int32)  # parts since it was put back
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
@@ -162,11 +165,37 @@ def set_out(
             poses.rotations[b] = wp.quat_to_matrix(history.turns[b])
 
 
+@wp.func
+def pass_end(
+    d: Descent, poses: Poses, motions: Motions, history: History, found: Found, b: wp.int32
+):
+    """Count a part that is behind; at the end of a frame, note what is known without its wrench."""
+    motions.done[b] = motions.done[b] + 1
+    f = motions.frame[b]
+    if motions.done[b] == motions.parts[b]:
+        load = wp.max(d.scale[b], d.floor[b])
+        tip = poses.tips[b]
+        found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
+        found.residual[f, b] = d.residual[b] / load
+        found.imbalance[f, b] = d.vertical[b] / load
+        found.evaluations[f, b] = d.evaluations[b] - history.evaluated[b]
+        history.evaluated[b] = d.evaluations[b]
+        motions.done[b] = 0
+        motions.parts[b] = 0
+        motions.halved[b] = 0
+        motions.frame[b] = f + 1
+        if f + 1 == motions.goals.shape[0]:
+            history.moves[b] = 0
+
+
 @wp.kernel(enable_backward=False)
-def begin(
+def go_on(
     # Model:
     lags: wp.bool,
     arm: wp.float64,
+    accepts_residual: wp.bool,
+    halvings_max: wp.int32,
+    evaluations_max: wp.int32,
     # Data in and out:
     motions: Motions,
     history: History,
@@ -174,87 +203,40 @@ def begin(
     d: Descent,
     memory: Memory,
     # Data out:
+    seen: Poses,
+    found: Found,
     busy_out: wp.array(dtype=wp.int32),
 ):
-    """Let environments begin the next part that wait for it; over [environment_count]."""
-    b = wp.tid()
-    history.starts[b] = 0
-    if history.moves[b] == 1 and history.stage[b] == _WAITS:
-        busy_out[0] = 1
-        history.starts[b] = 1
-        history.stage[b] = _UNDER_WAY
-        f = motions.frame[b]
-        if motions.parts[b] == 0:
-            motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
-            longest, pushed = motions.longest[b], d.pushed[b] == 1
-            motions.parts[b] = parts_of(
-                motions.starts[b], goal_of(motions, b), pushed, longest, arm
-            )
-        end = part_end(motions, b)
-        goal = wp.transform_get_translation(end)
-        ahead = goal - history.tips[b, 0]
-        behind = history.tips[b, 0] - history.tips[b, 1]
-        if d.pushed[b] == 1:
-            ahead[2] = behind[2]
-            goal[2] = history.tips[b, 0][2]
-        step, last = wp.length(ahead), wp.length(behind)
-        share = wp.float64(0.0)
-        same = wp.dot(ahead, behind) >= _SAME * step * last
-        if history.settled[b] > 1 and step <= _LONGER * last and same:
-            share = step / wp.max(last, _NOTHING)
-        history.share[b] = share
-        d.load[b] = wp.float64(0.0)
-        if d.pushed[b] == 1:
-            goal[2] += share * behind[2]
-            d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
-        poses.tips[b] = goal
-        poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
-        d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
-        start_descent(d, memory, b, lags)
+    """See who has arrived, and let who waits begin its next part; over [environment_count].
 
-
-@wp.kernel(enable_backward=False)
-def predict(
-    history: History,
-    positions_out: wp.array2d(dtype=wp.vec3d),
-    elastic_out: wp.array2d(dtype=wp.vec3d),
-    contact_out: wp.array2d(dtype=wp.vec3d),
-):
-    """Put nodes to where a part starts; launches over [environment_count, node_count]."""
-    b, n = wp.tid()
-    if history.starts[b] == 1:
-        last = history.last[b, n]
-        positions_out[b, n] = last + (last - history.older[b, n]) * history.share[b]
-        elastic_out[b, n] = wp.vec3d()
-        contact_out[b, n] = wp.vec3d()
-
-
-@wp.kernel(enable_backward=False)
-def arrive(
-    accepts_residual: wp.bool,
-    halvings_max: wp.int32,
-    evaluations_max: wp.int32,
-    d: Descent,
-    poses: Poses,
-    motions: Motions,
-    history: History,
-):
-    """Note who has arrived; others go on from where they are in twice as many parts, or stay there.
-
-    Launches over [environment_count].
+    Who does not arrive goes on from where it was in twice as many parts, or stays there. ``seen``
+    are the poses of who has arrived: it goes on at once, before its wrench is known, but where
+    that may correct its load.
     """
     b = wp.tid()
     history.arrives[b] = 0
+    history.starts[b] = 0
+    pushed = d.pushed[b] == 1
     if history.stage[b] == _UNDER_WAY and d.status[b] != Status.RUNNING:
         history.stage[b] = _WAITS
         spent = d.evaluations[b] - history.evaluated[b]
         unfinished = accepts_residual and d.status[b] == Status.OUT_OF_STEPS
         if d.status[b] == Status.DONE or unfinished:
             history.arrives[b] = 1
+            history.ends[b] = wp.where(
+                motions.done[b] + 1 == motions.parts[b], motions.frame[b], -1
+            )
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
             history.turns[b] = wp.transform_get_rotation(part_end(motions, b))
+            seen.tips[b] = poses.tips[b]
+            seen.rotations[b] = poses.rotations[b]
+            if pushed:
+                history.stage[b] = _IS_LOOKED_AT
+                busy_out[0] = 1
+            else:
+                pass_end(d, poses, motions, history, found, b)
         elif motions.halved[b] < halvings_max and spent < evaluations_max:
             motions.halved[b] = motions.halved[b] + 1
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
@@ -262,6 +244,61 @@ def arrive(
             motions.done[b] = 0
         else:
             history.moves[b] = 0
+    if history.moves[b] == 1 and history.stage[b] == _WAITS:
+        busy_out[0] = 1
+        history.starts[b] = 1
+        history.stage[b] = _UNDER_WAY
+        f = motions.frame[b]
+        if motions.parts[b] == 0:
+            motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
+            goal, longest = goal_of(motions, b), motions.longest[b]
+            motions.parts[b] = parts_of(motions.starts[b], goal, pushed, longest, arm)
+        end = part_end(motions, b)
+        to = wp.transform_get_translation(end)
+        ahead = to - history.tips[b, 0]
+        behind = history.tips[b, 0] - history.tips[b, 1]
+        if pushed:
+            ahead[2] = behind[2]
+            to[2] = history.tips[b, 0][2]
+        step, last = wp.length(ahead), wp.length(behind)
+        share = wp.float64(0.0)
+        same = wp.dot(ahead, behind) >= _SAME * step * last
+        if history.settled[b] > 1 and step <= _LONGER * last and same:
+            share = step / wp.max(last, _NOTHING)
+        history.share[b] = share
+        d.load[b] = wp.float64(0.0)
+        if pushed:
+            to[2] += share * behind[2]
+            d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
+        poses.tips[b] = to
+        poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
+        d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
+        start_descent(d, memory, b, lags)
+
+
+@wp.kernel(enable_backward=False)
+def take_over(
+    gaps: wp.array2d(dtype=wp.float64),
+    history: History,
+    positions: wp.array2d(dtype=wp.vec3d),
+    elastic_out: wp.array2d(dtype=wp.vec3d),
+    contact_out: wp.array2d(dtype=wp.vec3d),
+):
+    """Keep nodes and gaps of who has arrived, and put nodes to where a part starts.
+
+    Launches over [environment_count, node_count].
+    """
+    b, n = wp.tid()
+    if history.arrives[b] == 1:
+        history.older[b, n] = history.last[b, n]
+        history.last[b, n] = positions[b, n]
+        for p in range(n, gaps.shape[1], positions.shape[1]):
+            history.gaps[b, p] = gaps[b, p]
+    if history.starts[b] == 1:
+        last = history.last[b, n]
+        positions[b, n] = last + (last - history.older[b, n]) * history.share[b]
+        elastic_out[b, n] = wp.vec3d()
+        contact_out[b, n] = wp.vec3d()
 
 
 @wp.kernel(enable_backward=False)
@@ -279,15 +316,14 @@ def note(
     # Data out:
     found: Found,
 ):
-    """Note what was found by who has arrived; launches over [environment_count].
+    """Note the wrench of who has arrived; launches over [environment_count].
 
     A load is to be met without the mesh's bias (``sensor_model``), which is known once the contact
     is: it is corrected until its bias stands still.
     """
     b = wp.tid()
     if history.arrives[b] == 1:
-        f = motions.frame[b]
-        ends = motions.done[b] + 1 == motions.parts[b]
+        f, waits = history.ends[b], history.stage[b] == _IS_LOOKED_AT
         area, force = history.touched[b, 6], history.touched[b, 2]
         terms = Known()
         terms[0] = wp.float64(1.0)
@@ -306,14 +342,12 @@ def note(
         # Less and less of a change is taken over, since more load touches more, which is less bias.
         change = own - history.bias[b]
         history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b] // 2)
-        again = d.pushed[b] == 1 and wp.abs(change) > _SAME_BIAS
-        if ends and again and history.corrected[b] < _CORRECTIONS:
+        again = waits and f >= 0 and wp.abs(change) > _SAME_BIAS
+        if again and history.corrected[b] < _CORRECTIONS:
             history.corrected[b] = history.corrected[b] + 1
         else:
             history.corrected[b] = 0
-            motions.done[b] = motions.done[b] + 1
-            if ends:
-                load = wp.max(d.scale[b], d.floor[b])
+            if f >= 0:
                 for k in range(7):
                     found.touched[f, b, k] = history.touched[b, k]
                 for k in range(6):
@@ -321,27 +355,10 @@ def note(
                 narrow = left[b][1] * terms[1]
                 beside = light[1] * (_LIGHT_LEFT - narrow) + light[2]
                 found.error[f, b] = left[b][0] + narrow + beside
-                tip = poses.tips[b]
-                found.tips[f, b] = wp.vec3d(tip[0], tip[1], tip[2] - motions.standoff)
-                found.residual[f, b] = d.residual[b] / load
-                found.imbalance[f, b] = d.vertical[b] / load
-                found.evaluations[f, b] = d.evaluations[b] - history.evaluated[b]
-                history.evaluated[b] = d.evaluations[b]
-                motions.done[b] = 0
-                motions.parts[b] = 0
-                motions.halved[b] = 0
-                motions.frame[b] = f + 1
-                if f + 1 == motions.goals.shape[0]:
-                    history.moves[b] = 0
-
-
-@wp.kernel(enable_backward=False)
-def remember(positions: wp.array2d(dtype=wp.vec3d), history: History):
-    """Take over the nodes of who has arrived; launches over [environment_count, node_count]."""
-    b, n = wp.tid()
-    if history.arrives[b] == 1:
-        history.older[b, n] = history.last[b, n]
-        history.last[b, n] = positions[b, n]
+            if waits:
+                pass_end(d, poses, motions, history, found, b)
+        if waits:
+            history.stage[b] = _WAITS
 
 
 @wp.kernel(enable_backward=False)

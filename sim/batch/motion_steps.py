@@ -1,6 +1,7 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,12 @@ from sim.batch.sensor_model import (
     resting_gel,
 )
 from sim.contact.barrier_and_friction_kernels import WRENCH_THREADS, Pressed
-from sim.contact.indenter_distance import body_of
+from sim.contact.indenter_distance import Poses, body_of
 from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
-# Steps of a descent between two looks at who has arrived: a look is up to ten launches.
+# Steps of a descent between two times that a graph asks whether any environment is busy.
 _STEPS_ON_GPU = 3
 _LOWERINGS = 40
 # Of the most steps of a descent: evaluations in a frame after which none is begun in smaller parts.
@@ -94,7 +95,7 @@ class Frames:
         self._set_out, self._lowering = self._recorded_start()
         kinds = (kernels.Known, wp.vec4d, wp.vec2d)
         biased = [device.array(*each) for each in zip(bias, kinds, strict=True)]
-        self._begin, self._end = self._recorded(biased, light_pa, options)
+        self._look, self._noting = self._recorded(biased, light_pa, options)
 
     def go(self) -> None:
         """Take who moves to the goals, in more and more parts where descents do not arrive."""
@@ -124,18 +125,23 @@ class Frames:
             flag.zero_()
         self._set_out.launch()
         wp.capture_if(self._new, on_true=self._lower)
-        for each in self._begin:
-            each.launch()
+        self._made(self._look)
         wp.capture_while(busy, while_body=self._iterate)
+        self._made(self._noting)
 
     def _lower(self) -> None:
-        for each in self._lowering:
-            each.launch()
+        self._made(self._lowering)
 
     def _iterate(self) -> None:
+        """Take steps; beside each, sum up the wrenches of who arrived by the one before."""
         for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
-            self._descents.step()
-        for each in (*self._end, *self._begin):
+            with self._device.beside(partial(self._made, self._noting)):
+                self._descents.step()
+            self._made(self._look)
+
+    @staticmethod
+    def _made(launches: list[Any]) -> None:
+        for each in launches:
             each.launch()
 
     def _recorded_start(self) -> tuple[Any, list[Any]]:
@@ -163,46 +169,50 @@ class Frames:
     def _recorded(
         self, biased: list[Any], light_pa: FloatArray, chosen: BatchOptions
     ) -> tuple[list[Any], list[Any]]:
-        """Record what begins a part, and what ends one."""
+        """Record what sees who has arrived and begins parts, and what notes their wrenches."""
         descents, history, record = self._descents, self._history, self._device.record
         model, state, poses = descents.model, descents.state, descents.poses
         own, nodes = (descents.count,), tuple(descents.positions.shape)
         points = tuple(descents.contact_buffers[1].shape)
         made = model.surface.kernels
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
-        begun = [options.friction > 0.0, _ARM_SHARE * model.height_m, self.motions, history]
-        put = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
-        begin = [record(kernels.begin, own, [*begun, poses, state, descents.memory, descents.busy])]
+        seen = self._device.zeroed(Poses, own)
+        there = replaced(Pressed, descents.pressed, poses=seen)
+        limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max
+        lags, arm_m = options.friction > 0.0, _ARM_SHARE * model.height_m
+        now = [self.motions, history, poses, state, descents.memory, seen, self.found]
+        going = [lags, arm_m, chosen.accepts_residual, *limits, *now, descents.busy]
+        look = [record(kernels.go_on, own, going)]
+        if options.is_tangential:
+            summed = model.surface.grip_arrays(None, descents.count)
+            look.append(record(kernels.copy_grip, points, [history.arrives, grip, summed]))
+            if options.bonded:
+                held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
+                look.append(record(made.hold, points, [there, history.arrives, *held]))
+            else:
+                look.append(record(made.drag, points, [there, history.arrives]))
+            look.append(record(kernels.copy_grip, points, [history.arrives, grip, kept]))
+            # One that did not arrive may have left other grips than it began with.
+            look.append(record(kernels.copy_grip, points, [history.starts, kept, grip]))
+            there = replaced(Pressed, there, grip=summed)
+        gaps = descents.contact_buffers[2].reshape((descents.count, -1))
+        put = [descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
+        look.append(record(kernels.take_over, nodes, [gaps, history, *put]))
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
         formed += [self._rest, wp.float64(reach_of(model))]
         is_gpu = self._device.is_gpu
         many, shared, parts = (THREADS, WRENCH_THREADS, tables[2].shape[1]) if is_gpu else (1, 1, 1)
-        at = [descents.pressed, history.arrives]
+        there = replaced(Pressed, there, positions=history.last)
         # With their own edges, which they have where nothing else rounds them.
         own_edges: Any = descents.indenter
         self._edged = body_of(replace(own_edges, rounding_m=0.0), device=self._device.name)
         moduli = self._device.array(light_pa, wp.float64)
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
-        wrenched = [history.arrives, *formed, descents.contact_buffers[2], history.touched]
-        overlapped = [*held, moduli, history.arrives, poses, history.touched, history.light]
-        now = [state, poses, self.motions, history]
-        limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max
-        end = [
-            record(kernels.arrive, own, [chosen.accepts_residual, *limits, *now]),
-            record(made.wrench, (*own, shared), [at[0], parts, *wrenched], shared),
+        wrenched = [history.arrives, *formed, history.gaps.reshape(points), history.touched]
+        overlapped = [*held, moduli, history.arrives, seen, history.touched, history.light]
+        return look, [
+            record(made.wrench, (*own, shared), [there, parts, *wrenched], shared),
             record(overlap, (*own, many), overlapped, many),
-            record(kernels.note, own, [*biased, *now, self.found]),
+            record(kernels.note, own, [*biased, state, seen, self.motions, history, self.found]),
         ]
-        if options.is_tangential:
-            # One that did not arrive may have left other grips than it began with.
-            begin.append(record(kernels.copy_grip, points, [history.starts, kept, grip]))
-            if options.bonded:
-                held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
-                end.append(record(made.hold, points, [*at, *held]))
-            else:
-                end.append(record(made.drag, points, at))
-            end.append(record(kernels.copy_grip, points, [history.arrives, grip, kept]))
-        begin.append(record(kernels.predict, nodes, put))
-        end.append(record(kernels.remember, nodes, [descents.positions, history]))
-        return begin, end
