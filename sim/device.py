@@ -158,7 +158,8 @@ def _silent_stderr() -> Iterator[None]:
 
 
 @cache
-def _other_stream(name: str) -> Any:
+def _other_stream(name: str, number: int) -> Any:
+    del number  # streams of unlike numbers are unlike ones
     return wp.Stream(name)
 
 
@@ -205,13 +206,17 @@ class Device:
         wp.synchronize_device(self.name)
 
     @contextmanager
-    def beside(self, launches: Callable[[], None]) -> Iterator[None]:
-        """Make launches before a block's own; on a GPU on another stream, at the same time."""
-        with wp.ScopedStream(_other_stream(self.name) if self.is_gpu else None):
+    def beside(self, launches: Callable[[], None], *, number: int = 0) -> Iterator[None]:
+        """Make launches before a block's own; on a GPU on another stream, at the same time.
+
+        Blocks in such a block need another ``number``.
+        """
+        other = _other_stream(self.name, number) if self.is_gpu else None
+        with wp.ScopedStream(other):
             launches()
         yield
-        if self.is_gpu:
-            wp.get_stream(self.name).wait_stream(_other_stream(self.name))
+        if other is not None:
+            wp.get_stream(self.name).wait_stream(other)
 
     def launch(
         self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]

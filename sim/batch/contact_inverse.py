@@ -1,6 +1,6 @@
 """The inverse that serves any contact: the undeformed gel's, corrected for the touching nodes."""
 
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -106,10 +106,21 @@ class ContactInverse:
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )
 
-    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
+    def apply(
+        self,
+        asked: NDArray[np.int32] | None,
+        sources: Any,
+        found: Any,
+        prepare: Callable[[], None] = lambda: None,
+    ) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count]."""
         chosen, stiffen, listing, factored, correct, set_tip = self._launches
-        with self._device.beside(partial(self._rest.apply, asked, sources, found, at_surface=True)):
+
+        def multiply() -> None:
+            prepare()
+            self._rest.apply(asked, sources, found, at_surface=True)
+
+        with self._device.beside(multiply):
             for each in (chosen, stiffen, listing):
                 each.launch()
             if asked is not None:

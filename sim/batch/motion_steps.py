@@ -135,7 +135,7 @@ class Frames:
     def _iterate(self) -> None:
         """Take steps; beside each, sum up the wrenches of who arrived by the one before."""
         for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
-            with self._device.beside(partial(self._made, self._noting)):
+            with self._device.beside(partial(self._made, self._noting), number=1):
                 self._descents.step()
             self._made(self._look)
 

@@ -147,6 +147,10 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                         total[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
                     total = with_gradient(total, g, memory, b, dof_count, mode)
                 decide(d, memory, b, limits, total, mins, push)
+            wait_for_all()
+            if d.takes[b] == 1:
+                for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
+                    memory.gaps[b, p] = evaluated.gaps[b, p]
 
     @wp.kernel(**made)
     def prepare(
@@ -187,8 +191,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                     memory.changes[b, at, row] = wp.float32(change)
                     curvature += step * change
                 memory.gradient[b, row] = g
-            for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
-                memory.gaps[b, p] = evaluated.gaps[b, p]
             if learns:
                 own = wp.tile_sum(wp.tile(curvature))
                 s_y = own[0]

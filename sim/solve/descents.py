@@ -4,7 +4,7 @@ They share a pad and an indenter; material, friction, pose and load are each one
 on the device; an environment runs until it is done or asks the host for something.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -58,10 +58,17 @@ class Inverse(Protocol):
     weights: Any
     column_count: int
 
-    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
+    def apply(
+        self,
+        asked: NDArray[np.int32] | None,
+        sources: Any,
+        found: Any,
+        prepare: Callable[[], None] = lambda: None,
+    ) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count].
 
         ``asked`` names the environments that ask, for an inverse on the host; on a GPU it is None.
+        ``prepare`` makes the sources; what does not need them may go beside it.
         """
         ...
 
@@ -177,15 +184,19 @@ class Descents:
         if self._hold is not None and (self._device.is_gpu or self.get("holding").any()):
             self._hold.launch()
             self._judge_again.launch()
-        if self.places is not None:
-            self.places.launch()
-        self._prepare.launch()
         asked = None
         if not self._device.is_gpu or not self._inverse.scaled:
             asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
         if asked is None or len(asked):
-            self._inverse.apply(asked, self.sources, self.found)
+            self._inverse.apply(asked, self.sources, self.found, self._ask)
+        else:
+            self._ask()
         self._turn.launch()
+
+    def _ask(self) -> None:
+        if self.places is not None:
+            self.places.launch()
+        self._prepare.launch()
 
     def get(self, name: str) -> NDArray[Any]:
         """Return one of the environments' numbers, shape [environment_count]."""

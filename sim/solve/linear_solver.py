@@ -274,8 +274,15 @@ class StiffnessFactor:
             remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
         )
 
-    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
+    def apply(
+        self,
+        asked: NDArray[np.int32] | None,  # noqa: ARG002
+        sources: Any,
+        found: Any,
+        prepare: Callable[[], None] = lambda: None,
+    ) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
+        prepare()
         right = on_host(sources)[0]
         solved = np.append(self._solver.solve(right[:-1]), 0.0)
         if not self.held:
