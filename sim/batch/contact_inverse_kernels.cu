@@ -6,24 +6,36 @@ int* listed = c.listed.data + (size_t)b * capacity;
 
 // snippet list
 // include shared
-(void)lane; (void)row; (void)rows;
+(void)row; (void)rows;
 // Every thread lists the touching nodes of its part of the surface, in their order.
-SHARED int first[1025];
 const int* touching = c.touching.data + (size_t)b * nodes;
 int* local = c.local.data + (size_t)b * nodes;
 const int part = (nodes + threads - 1) / threads;
 const int from = wp::min(nodes, thread * part), to = wp::min(nodes, from + part);
-int own = 0;
-for (int s = from; s < to; ++s) own += touching[s];
-first[thread + 1] = own;
-SYNC;
-if (thread == 0) {
-    first[0] = 0;
-    for (int t = 0; t < threads; ++t) first[t + 1] += first[t];
-    c.counts.data[b] = wp::min(first[threads], capacity);
+int at = 0;
+for (int s = from; s < to; ++s) at += touching[s];
+int all = at;
+#if defined(__CUDA_ARCH__)
+// Sums over the threads before: first those of a warp, then those of all.
+__shared__ int warps[32];
+const int own = at;
+for (int o = 1; o < 32; o *= 2) {
+    const int before = __shfl_up_sync(0xffffffffu, at, o);
+    if (lane >= o) at += before;
 }
-SYNC;
-int at = first[thread];
+if (lane == 31) warps[thread / 32] = at;
+__syncthreads();
+at -= own;
+all = 0;
+for (int w = 0; w < threads / 32; ++w) {
+    if (w < thread / 32) at += warps[w];
+    all += warps[w];
+}
+#else
+(void)lane;
+at = 0;
+#endif
+if (thread == 0) c.counts.data[b] = wp::min(all, capacity);
 for (int s = from; s < to; ++s) {
     local[s] = touching[s] && at < capacity ? at : -1;
     if (local[s] >= 0) listed[at] = s;
@@ -41,63 +53,73 @@ for (int k = 0; k < n; k += WIDE) {
     const int left = wp::min(n, last);
     for (int e = thread; e < WIDE * left; e += threads) {
         const int q = e / left, j = e % left, i = k + q;
-        const size_t at = (size_t)wp::max(i, j) * size + wp::min(i, j);
-        column[q * PITCH + j] = q < w ? s_at[at] : 0.f;
+        column[q * pitch + j] = q < w ? s_at[begin(wp::max(i, j)) + wp::min(i, j)] : 0.f;
     }
     for (int e = thread + WIDE * last; e < WIDE * n; e += threads)
-        column[e % WIDE * PITCH + e / WIDE] = s_at[(size_t)(e / WIDE) * size + k + e % WIDE];
+        column[e % WIDE * pitch + e / WIDE] = s_at[begin(e / WIDE) + k + e % WIDE];
     SYNC;
-    float *now = pivots, *after = pivots + WIDE * WIDE;
-    for (int e = thread; e < WIDE * WIDE; e += threads) {
-        const int i = e / WIDE, j = e % WIDE;
-        now[e] = i < w && j < w ? column[i * PITCH + k + j] : (float)(i == j);
-    }
-    for (int p = 0; p < WIDE; ++p) {
-        SYNC;
-        const float over = 1.f / now[p * (WIDE + 1)];
-        for (int e = thread; e < WIDE * WIDE; e += threads) {
+    // One warp has the pivots: it need not wait for the others.
+    if (row == 0) {
+        float *now = pivots, *after = pivots + WIDE * WIDE;
+        for (int e = lane; e < WIDE * WIDE; e += lanes) {
             const int i = e / WIDE, j = e % WIDE;
-            const float a = now[i * WIDE + p], o = now[p * WIDE + j];
-            if (i == p) after[e] = j == p ? -over : o * over;
-            else after[e] = j == p ? a * over : now[e] - a * over * o;
+            now[e] = i < w && j < w ? column[i * pitch + k + j] : (float)(i == j);
         }
-        float* other = now;
-        now = after;
-        after = other;
+        for (int p = 0; p < WIDE; ++p) {
+            SYNC_WARP;
+            const float over = 1.f / now[p * (WIDE + 1)];
+            #pragma unroll
+            for (int e = lane; e < WIDE * WIDE; e += lanes) {
+                const int i = e / WIDE, j = e % WIDE;
+                const float a = now[i * WIDE + p], o = now[p * WIDE + j];
+                if (i == p) after[e] = j == p ? -over : o * over;
+                else after[e] = j == p ? a * over : now[e] - a * over * o;
+            }
+            float* other = now;
+            now = after;
+            after = other;
+        }
     }
     SYNC;
-    // ``now`` is the block's negative inverse.
-    for (int e = thread; e < n * WIDE; e += threads) {
-        const int i = e / WIDE, j = e % WIDE;
-        float sum = 0.f;
-        for (int q = 0; q < WIDE; ++q) sum -= column[q * PITCH + i] * now[q * WIDE + j];
-        along[e] = sum;
+    // After an even number of pivots ``pivots`` begins with the block's negative inverse. A thread
+    // makes four neighbours, which share what they are made of.
+    for (int e = thread; e < n * (WIDE / 4); e += threads) {
+        const int i = e / (WIDE / 4), j = e % (WIDE / 4) * 4;
+        float sum[4] = {};
+        #pragma unroll
+        for (int q = 0; q < WIDE; ++q) {
+            const float x = column[q * pitch + i];
+            #pragma unroll
+            for (int m = 0; m < 4; ++m) sum[m] -= x * pivots[q * WIDE + j + m];
+        }
+        #pragma unroll
+        for (int m = 0; m < 4; ++m) along[i * WIDE + j + m] = sum[m];
     }
     SYNC;
     for (int i = 2 * row; i < n; i += 2 * rows) {
-        float* s_row = s_at + (size_t)i * size;
+        const bool is_last = i + 1 == n;
+        float* s_row = s_at + begin(i);
+        float* s_next = is_last ? s_row : s_at + begin(i + 1);
         float own[2][WIDE];
         bool is_coupled = false;
         #pragma unroll
         for (int q = 0; q < WIDE; ++q) {
             own[0][q] = along[i * WIDE + q];
-            own[1][q] = i + 1 < n ? along[(i + 1) * WIDE + q] : 0.f;
+            own[1][q] = is_last ? 0.f : along[(i + 1) * WIDE + q];
             is_coupled = is_coupled || own[0][q] != 0.f || own[1][q] != 0.f;
         }
         if (!is_coupled) continue;
-        // Of the first row one number too many, above the diagonal, where none is read.
-        const int end = wp::min(i + 1, n - 1), below = i + 1 < n ? size : 0;
         #pragma unroll 2
-        for (int j = lane; j <= end; j += lanes) {
-            float first = s_row[j], second = s_row[below + j];
+        for (int j = lane; j <= wp::min(i + 1, n - 1); j += lanes) {
+            float first = s_row[j], second = s_next[j];
             #pragma unroll
             for (int q = 0; q < WIDE; ++q) {
-                const float x = column[q * PITCH + j];
+                const float x = column[q * pitch + j];
                 first -= own[0][q] * x;
                 second -= own[1][q] * x;
             }
-            if (below) s_row[below + j] = second;
-            s_row[j] = first;
+            if (!is_last) s_next[j] = second;
+            if (j <= i) s_row[j] = first;
         }
     }
     SYNC;
@@ -105,8 +127,8 @@ for (int k = 0; k < n; k += WIDE) {
         const int i = e / WIDE, q = e % WIDE;
         const bool inside = i >= k && i < last;
         if (q >= w || (inside && i < k + q)) continue;
-        const float x = inside ? now[(i - k) * WIDE + q] : along[e];
-        s_at[(size_t)wp::max(i, k + q) * size + wp::min(i, k + q)] = x;
+        const float x = inside ? pivots[(i - k) * WIDE + q] : along[e];
+        s_at[begin(wp::max(i, k + q)) + wp::min(i, k + q)] = x;
     }
 }
 SYNC;
@@ -120,12 +142,25 @@ SYNC;
 #endif
 const int count = c.counts.data[b], n = 3 * count, size = c.inverse.shape[1];
 const int* local = c.local.data + (size_t)b * nodes;
-float* s_at = c.inverse.data + (size_t)b * size * size;
-SHARED float column[PITCH * WIDE];
-float* along = c.along.data + (size_t)b * size * WIDE;
+float* inverse = c.inverse.data + (size_t)b * size * size;
 SHARED float pivots[2 * WIDE * WIDE];
+SHARED float column[BUFFER];
+// A small system is swept where its columns are, row after row up to the diagonal.
+if (n <= SMALL) {
+    constexpr int pitch = SMALL + 2;
+    float *along = column + WIDE * pitch, *s_at = along + WIDE * SMALL;
+    const auto begin = [](int i) { return i * (i + 1) / 2; };
+    // include system
+} else {
+    constexpr int pitch = PITCH;
+    float *along = c.along.data + (size_t)b * size * WIDE, *s_at = inverse;
+    const auto begin = [size](int i) { return (size_t)i * size; };
+    // include system
+}
+
+// snippet system
 for (int i = row; i < n; i += rows)
-    for (int j = lane; j <= i; j += lanes) s_at[(size_t)i * size + j] = 0.f;
+    for (int j = lane; j <= i; j += lanes) s_at[begin(i) + j] = 0.f;
 SYNC;
 const int faces = c.faces.shape[0], corners = c.faces.shape[1], points = c.values.shape[0];
 const wp::mat33f* stiffness = c.stiffness.data + (size_t)b * faces * points;
@@ -146,8 +181,9 @@ for (int i = row; i < count; i += rows) {
                     c.values.data[q * corners + a] * c.values.data[q * corners + o];
                 for (int k = 0; k < 3; ++k) sum[k] += own[k] * share;
             }
-            float* at = s_at + (size_t)(3 * i + p) * size + 3 * j;
-            for (int k = 0; k < 3; ++k) at[k] += sum[k];
+            // Of a node's own block what is above the diagonal is not kept.
+            for (int k = 0; k < 3 && 3 * j + k <= 3 * i + p; ++k)
+                s_at[begin(3 * i + p) + 3 * j + k] += sum[k];
         }
         SYNC_WARP;
     }
@@ -156,8 +192,8 @@ SYNC;
 // What a node lacks across its normals, and faces that are touched in part, leave no full rank.
 for (int i = thread; i < count; i += threads) {
     float trace = 0.f;
-    for (int p = 0; p < 3; ++p) trace += s_at[(size_t)(3 * i + p) * (size + 1)];
-    for (int p = 0; p < 3; ++p) s_at[(size_t)(3 * i + p) * (size + 1)] += 0.003f * trace;
+    for (int p = 0; p < 3; ++p) trace += s_at[begin(3 * i + p) + 3 * i + p];
+    for (int p = 0; p < 3; ++p) s_at[begin(3 * i + p) + 3 * i + p] += 0.003f * trace;
 }
 // include sweep
 const float share = (float)c.shares.data[b];
@@ -168,14 +204,17 @@ for (int i = row; i < n; i += rows) {
     for (int j = lane; j <= i; j += lanes) {
         float sum = share * g[3 * listed[j / 3] + j % 3];
         if (i % 3 == 2 && j % 3 == 2) sum += tied;
-        float& own = s_at[(size_t)i * size + j];
+        float& own = s_at[begin(i) + j];
         own = sum - own;
     }
 }
 // include sweep
 for (int i = row; i < n; i += rows)
-    for (int j = lane; j < i; j += lanes)
-        s_at[(size_t)j * size + i] = s_at[(size_t)i * size + j];
+    for (int j = lane; j <= i; j += lanes) {
+        const float x = s_at[begin(i) + j];
+        inverse[(size_t)i * size + j] = x;
+        inverse[(size_t)j * size + i] = x;
+    }
 
 // snippet correct
 // include shared

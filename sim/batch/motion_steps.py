@@ -106,18 +106,20 @@ class Frames:
         for array in (found.touched, found.wrench, found.error, found.residual, found.imbalance):
             array.fill_(np.nan)
         # A graph that a simulator captures takes the launches, since it cannot take a graph.
-        alone = not wp.get_device(self._device.name).is_capturing
-        if alone and self._graph is not None:
-            wp.capture_launch(self._graph)
-            return
-        self._launch()
-        if alone and self._device.is_gpu:  # a graph cannot compile kernels: all run before
+        if not self._device.is_gpu or wp.get_device(self._device.name).is_capturing:
+            self._launch()
+        elif not self._descents.ran:  # a graph cannot compile kernels: all run before
+            self._launch()
             self._history.comes.zero_()
             self._lower()
             self._iterate()
-            with wp.ScopedCapture(device=self._device.name) as capture:
-                self._launch()
-            self._graph = capture.graph
+            self._descents.ran = True
+        else:
+            if self._graph is None:
+                with wp.ScopedCapture(device=self._device.name) as capture:
+                    self._launch()
+                self._graph = capture.graph
+            wp.capture_launch(self._graph)
 
     def _launch(self) -> None:
         busy = self._descents.busy

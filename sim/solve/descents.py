@@ -92,6 +92,7 @@ class Descents:
         threads: Of a block that has an environment.
         sources: What the inverse is asked for; ``found`` what it answers.
         places: A launch that gives who asks a column of these; None where each keeps its own.
+        ran: Whoever uses them has run all of its kernels, which a graph may hold from now on.
     """
 
     def __init__(
@@ -121,6 +122,7 @@ class Descents:
         names = () if device.is_gpu else vars(kernels.Descent)["vars"]
         self._views = {name: getattr(self.state, name).numpy() for name in names}
         self.places: Any = None
+        self.ran = False
         rows, nodes = model.pattern.dof_count + 1, len(model.nodes)
         self._allocate(memory, rows)
         self.positions = device.zeros((count, nodes), wp.vec3d)
