@@ -158,8 +158,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 @cache
-def _other_stream(name: str, number: int) -> Any:
-    del number  # streams of unlike numbers are unlike ones
+def _other_stream(name: str, number: int) -> Any:  # noqa: ARG001 - each has its own
     return wp.Stream(name)
 
 
@@ -206,14 +205,12 @@ class Device:
         wp.synchronize_device(self.name)
 
     @contextmanager
-    def beside(self, launches: Callable[[], None], *, number: int = 0) -> Iterator[None]:
-        """Make launches before a block's own; on a GPU on another stream, at the same time.
-
-        Blocks in such a block need another ``number``.
-        """
+    def beside(self, *launches: Callable[[], None], number: int = 0) -> Iterator[None]:
+        """Make launches before a block's own; on a GPU on the stream of a number, at once."""
         other = _other_stream(self.name, number) if self.is_gpu else None
         with wp.ScopedStream(other):
-            launches()
+            for each in launches:
+                each()
         yield
         if other is not None:
             wp.get_stream(self.name).wait_stream(other)

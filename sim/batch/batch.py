@@ -127,7 +127,7 @@ class Batch:
         if materials is not None:
             own = [element_constants(model.mesh, each) for each in materials]
         touched = model.discretisation.touched_element
-        young_pa = np.array([young[touched] for young, _ in own])
+        young_pa, poisson = np.array([(young[touched], nu[touched]) for young, nu in own]).T
         rim_m = _RIM_SHARE * edge_of(model)
         edged = sharp(indenters, rim_m)[np.asarray(which)]
         careful = (edged > 0) | contact.is_tangential
@@ -135,7 +135,6 @@ class Batch:
         mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
         share = model.young_pa / young_pa
         self.inverse = ContactInverse(model, count=self.count, young_share=share)
-        poisson = np.array([poisson[touched] for _, poisson in own])
         moduli_pa = young_pa / (1.0 - poisson**2)
         own_bias = bias_of(model, self.inverse).of(edged).scaled(mu, moduli_pa)
         if bias is not None:

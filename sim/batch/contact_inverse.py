@@ -1,11 +1,10 @@
 """The inverse that serves any contact: the undeformed gel's, corrected for the touching nodes."""
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from sim.batch import contact_inverse_kernels as kernels
 from sim.batch.rest_inverse import DenseRest, FactoredRest
@@ -86,7 +85,7 @@ class ContactInverse:
         correct, set_tip = kernels.correct_kernels(self.kind)
         made = model.surface.kernels
         tip_row, state = model.pattern.dof_count, descents.state
-        descents.places = self._rest.places(state)
+        self._places = self._rest.places(state)
         self._corrected = device.zeros(descents.sources.shape, self.kind)
 
         def blocks(kernel: Any, inputs: list[Any]) -> Any:
@@ -106,21 +105,11 @@ class ContactInverse:
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )
 
-    def apply(
-        self,
-        asked: NDArray[np.int32] | None,
-        sources: Any,
-        found: Any,
-        prepare: Callable[[], None] = lambda: None,
-    ) -> None:
+    def apply(self, asked: Any, sources: Any, found: Any, prepare: Any = lambda: None) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count]."""
         chosen, stiffen, listing, factored, correct, set_tip = self._launches
-
-        def multiply() -> None:
-            prepare()
-            self._rest.apply(asked, sources, found, at_surface=True)
-
-        with self._device.beside(multiply):
+        rest = partial(self._rest.apply, asked, sources, found, at_surface=True)
+        with self._device.beside(*self._places, prepare, rest):
             for each in (chosen, stiffen, listing):
                 each.launch()
             if asked is not None:

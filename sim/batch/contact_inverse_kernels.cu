@@ -144,11 +144,13 @@ const int count = c.counts.data[b], n = 3 * count, size = c.inverse.shape[1];
 const int* local = c.local.data + (size_t)b * nodes;
 float* inverse = c.inverse.data + (size_t)b * size * size;
 SHARED float pivots[2 * WIDE * WIDE];
-SHARED float column[BUFFER];
-// A small system is swept where its columns are, row after row up to the diagonal.
-if (n <= SMALL) {
-    constexpr int pitch = SMALL + 2;
-    float *along = column + WIDE * pitch, *s_at = along + WIDE * SMALL;
+// A small system fits into the memory that a block shares, row after row up to the diagonal.
+constexpr int small = 120;
+SHARED float column[WIDE * (2 * small + 2) + small * (small + 1) / 2];
+static_assert(sizeof(column) >= sizeof(float) * PITCH * WIDE, "a large system needs as much");
+if (n <= small) {
+    constexpr int pitch = small + 2;
+    float *along = column + WIDE * pitch, *s_at = along + WIDE * small;
     const auto begin = [](int i) { return i * (i + 1) / 2; };
     // include system
 } else {

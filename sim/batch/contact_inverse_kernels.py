@@ -27,9 +27,6 @@ CAPACITY = 223
 WIDE = 16
 """Pivots of a small system that are swept at once."""
 
-# Unknowns of a system that fits into the memory that a GPU's block shares.
-_SMALL = 120
-
 # Steps that a correction serves; but only the first one where that leaves more than a share of the
 # contact force, since it has changed what touches.
 _SERVED, _CHANGED = wp.constant(8), wp.constant(wp.float64(0.1))
@@ -64,11 +61,7 @@ class Correction:
 def _list_touching(c: Correction, b: wp.int32): ...
 
 
-_SIZES = {"PITCH": 3 * CAPACITY + 1, "WIDE": WIDE, "SMALL": _SMALL}
-_SIZES["BUFFER"] = max(WIDE * _SIZES["PITCH"], WIDE * (2 * _SMALL + 2) + _SMALL * (_SMALL + 1) // 2)
-
-
-@wp.func_native(native_code(__package__, "factor", **_SIZES))
+@wp.func_native(native_code(__package__, "factor", PITCH=3 * CAPACITY + 1, WIDE=WIDE))
 def _factor_small(c: Correction, b: wp.int32, pushed: wp.bool): ...
 
 

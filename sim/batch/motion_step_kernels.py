@@ -223,9 +223,8 @@ def go_on(
         unfinished = accepts_residual and d.status[b] == Status.OUT_OF_STEPS
         if d.status[b] == Status.DONE or unfinished:
             history.arrives[b] = 1
-            history.ends[b] = wp.where(
-                motions.done[b] + 1 == motions.parts[b], motions.frame[b], -1
-            )
+            ends = motions.done[b] + 1 == motions.parts[b]
+            history.ends[b] = wp.where(ends, motions.frame[b], -1)
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]

@@ -1,7 +1,6 @@
 """The launches that take a batch through frames, and what they find; on a GPU one graph."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -127,24 +126,23 @@ class Frames:
             flag.zero_()
         self._set_out.launch()
         wp.capture_if(self._new, on_true=self._lower)
-        self._made(self._look)
+        for each in self._look:
+            each.launch()
         wp.capture_while(busy, while_body=self._iterate)
-        self._made(self._noting)
+        for each in self._noting:
+            each.launch()
 
     def _lower(self) -> None:
-        self._made(self._lowering)
+        for each in self._lowering:
+            each.launch()
 
     def _iterate(self) -> None:
-        """Take steps; beside each, sum up the wrenches of who arrived by the one before."""
+        """Take steps; beside each, note who arrived by the one before."""
         for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
-            with self._device.beside(partial(self._made, self._noting), number=1):
+            with self._device.beside(*(each.launch for each in self._noting), number=1):
                 self._descents.step()
-            self._made(self._look)
-
-    @staticmethod
-    def _made(launches: list[Any]) -> None:
-        for each in launches:
-            each.launch()
+            for each in self._look:
+                each.launch()
 
     def _recorded_start(self) -> tuple[Any, list[Any]]:
         """Record what finds who comes down anew, and what puts these over their first goals.
@@ -180,41 +178,39 @@ class Frames:
         options, grip, kept = model.contact_options, descents.grip, descents.grip_start
         seen = self._device.zeroed(Poses, own)
         there = replaced(Pressed, descents.pressed, poses=seen)
-        limits = chosen.halvings_max, _GIVES_UP * chosen.steps_max
-        lags, arm_m = options.friction > 0.0, _ARM_SHARE * model.height_m
-        now = [self.motions, history, poses, state, descents.memory, seen, self.found]
-        going = [lags, arm_m, chosen.accepts_residual, *limits, *now, descents.busy]
+        going = [options.friction > 0.0, _ARM_SHARE * model.height_m, chosen.accepts_residual]
+        going += [chosen.halvings_max, _GIVES_UP * chosen.steps_max, self.motions, history, poses]
+        going += [state, descents.memory, seen, self.found, descents.busy]
         look = [record(kernels.go_on, own, going)]
         if options.is_tangential:
             summed = model.surface.grip_arrays(None, descents.count)
-            look.append(record(kernels.copy_grip, points, [history.arrives, grip, summed]))
-            if options.bonded:
-                held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
-                look.append(record(made.hold, points, [there, history.arrives, *held]))
-            else:
-                look.append(record(made.drag, points, [there, history.arrives]))
-            look.append(record(kernels.copy_grip, points, [history.arrives, grip, kept]))
             # One that did not arrive may have left other grips than it began with.
-            look.append(record(kernels.copy_grip, points, [history.starts, kept, grip]))
+            arrived = history.arrives
+            copied = [arrived, grip, summed], [arrived, grip, kept], [history.starts, kept, grip]
+            first, *others = (record(kernels.copy_grip, points, each) for each in copied)
+            held = [kept, *descents.contact_buffers[:2], *descents.grip_buffers]
+            kernel, more = (made.hold, held) if options.bonded else (made.drag, [])
+            dragged = record(kernel, points, [there, arrived, *more])
+            look += [first, dragged, *others]
             there = replaced(Pressed, there, grip=summed)
         gaps = descents.contact_buffers[2].reshape((descents.count, -1))
         put = [descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         look.append(record(kernels.take_over, nodes, [gaps, history, *put]))
+        there = replaced(Pressed, there, positions=history.last)
         tables = (pressure_form(model), face_shares(model), quarter_values(model))
         formed = [self._device.array(each, wp.float64) for each in tables]
-        formed += [self._rest, wp.float64(reach_of(model))]
+        formed += [self._rest, wp.float64(reach_of(model)), history.gaps.reshape(points)]
         is_gpu = self._device.is_gpu
         many, shared, parts = (THREADS, WRENCH_THREADS, tables[2].shape[1]) if is_gpu else (1, 1, 1)
-        there = replaced(Pressed, there, positions=history.last)
         # With their own edges, which they have where nothing else rounds them.
         own_edges: Any = descents.indenter
         self._edged = body_of(replace(own_edges, rounding_m=0.0), device=self._device.name)
-        moduli = self._device.array(light_pa, wp.float64)
         held = [self._edged, resting_gel(model), self.motions.standoff, wp.float64(reach_of(model))]
-        wrenched = [history.arrives, *formed, history.gaps.reshape(points), history.touched]
-        overlapped = [*held, moduli, history.arrives, seen, history.touched, history.light]
+        held += [self._device.array(light_pa, wp.float64), history.arrives, seen, history.touched]
+        wrenched = [there, parts, history.arrives, *formed, history.touched]
+        noted = [*biased, state, seen, self.motions, history, self.found]
         return look, [
-            record(made.wrench, (*own, shared), [there, parts, *wrenched], shared),
-            record(overlap, (*own, many), overlapped, many),
-            record(kernels.note, own, [*biased, state, seen, self.motions, history, self.found]),
+            record(made.wrench, (*own, shared), wrenched, shared),
+            record(overlap, (*own, many), [*held, history.light], many),
+            record(kernels.note, own, noted),
         ]

@@ -71,8 +71,9 @@ class FactoredRest:
         at = (3 * missing[:, None] + np.arange(3)).reshape(-1)
         self.compliance.numpy()[at] = found
 
-    def places(self, state: Any) -> None:
+    def places(self, state: Any) -> tuple[()]:  # noqa: ARG002
         """Return nothing: every environment keeps its column."""
+        return ()
 
     def apply(
         self, asked: NDArray[np.int32], sources: Any, found: Any, *, at_surface: bool = False
@@ -149,9 +150,9 @@ class DenseRest:
         """Do nothing: all rows are known."""
 
     def places(self, state: Any) -> Any:
-        """Return a launch that gives who asks the first columns, so that few blocks are read."""
+        """Return what gives who asks the first columns, so that few blocks are read."""
         inputs = [state, self._tiling.columns, _FEW.columns, self.blocks, self.few]
-        return self._device.record(kernels.place, (_PLACERS,), inputs, _PLACERS)
+        return [self._device.record(kernels.place, (_PLACERS,), inputs, _PLACERS).launch]
 
     def apply(
         self,

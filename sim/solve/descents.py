@@ -58,13 +58,7 @@ class Inverse(Protocol):
     weights: Any
     column_count: int
 
-    def apply(
-        self,
-        asked: NDArray[np.int32] | None,
-        sources: Any,
-        found: Any,
-        prepare: Callable[[], None] = lambda: None,
-    ) -> None:
+    def apply(self, asked: Any, sources: Any, found: Any, prepare: Callable[[], None]) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count].
 
         ``asked`` names the environments that ask, for an inverse on the host; on a GPU it is None.
@@ -91,7 +85,6 @@ class Descents:
         pressed: Surfaces, indenters, poses, grip and positions, as contact's kernels take them.
         threads: Of a block that has an environment.
         sources: What the inverse is asked for; ``found`` what it answers.
-        places: A launch that gives who asks a column of these; None where each keeps its own.
         ran: Whoever uses them has run all of its kernels, which a graph may hold from now on.
     """
 
@@ -121,7 +114,6 @@ class Descents:
         # On the CPU these views share the device's memory, and are made once.
         names = () if device.is_gpu else vars(kernels.Descent)["vars"]
         self._views = {name: getattr(self.state, name).numpy() for name in names}
-        self.places: Any = None
         self.ran = False
         rows, nodes = model.pattern.dof_count + 1, len(model.nodes)
         self._allocate(memory, rows)
@@ -190,15 +182,10 @@ class Descents:
         if not self._device.is_gpu or not self._inverse.scaled:
             asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
         if asked is None or len(asked):
-            self._inverse.apply(asked, self.sources, self.found, self._ask)
+            self._inverse.apply(asked, self.sources, self.found, self._prepare.launch)
         else:
-            self._ask()
+            self._prepare.launch()
         self._turn.launch()
-
-    def _ask(self) -> None:
-        if self.places is not None:
-            self.places.launch()
-        self._prepare.launch()
 
     def get(self, name: str) -> NDArray[Any]:
         """Return one of the environments' numbers, shape [environment_count]."""

@@ -274,13 +274,7 @@ class StiffnessFactor:
             remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
         )
 
-    def apply(
-        self,
-        asked: NDArray[np.int32] | None,  # noqa: ARG002
-        sources: Any,
-        found: Any,
-        prepare: Callable[[], None] = lambda: None,
-    ) -> None:
+    def apply(self, asked: Any, sources: Any, found: Any, prepare: Callable[[], None]) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
         prepare()
         right = on_host(sources)[0]
