@@ -85,7 +85,7 @@ class ContactInverse:
         correct, set_tip = kernels.correct_kernels(self.kind)
         made = model.surface.kernels
         tip_row, state = model.pattern.dof_count, descents.state
-        self._places = self._rest.places(state)
+        self._places = [self._rest.places(state).launch] if device.is_gpu else []
         self._corrected = device.zeros(descents.sources.shape, self.kind)
 
         def blocks(kernel: Any, inputs: list[Any]) -> Any:

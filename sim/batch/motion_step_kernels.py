@@ -207,11 +207,10 @@ def go_on(
     found: Found,
     busy_out: wp.array(dtype=wp.int32),
 ):
-    """See who has arrived, and let who waits begin its next part; over [environment_count].
+    """See who has arrived, at poses ``seen``, and begin parts; over [environment_count].
 
-    Who does not arrive goes on from where it was in twice as many parts, or stays there. ``seen``
-    are the poses of who has arrived: it goes on at once, before its wrench is known, but where
-    that may correct its load.
+    Who does not arrive goes on from where it was in twice as many parts, or stays there. Who does
+    goes on before its wrench is known, unless that may correct its load.
     """
     b = wp.tid()
     history.arrives[b] = 0
@@ -247,7 +246,6 @@ def go_on(
         busy_out[0] = 1
         history.starts[b] = 1
         history.stage[b] = _UNDER_WAY
-        f = motions.frame[b]
         if motions.parts[b] == 0:
             motions.starts[b] = wp.transformd(history.tips[b, 0], history.turns[b])
             goal, longest = goal_of(motions, b), motions.longest[b]
@@ -268,7 +266,7 @@ def go_on(
         d.load[b] = wp.float64(0.0)
         if pushed:
             to[2] += share * behind[2]
-            d.load[b] = motions.loads[f, b] * wp.exp(history.bias[b])
+            d.load[b] = motions.loads[motions.frame[b], b] * wp.exp(history.bias[b])
         poses.tips[b] = to
         poses.rotations[b] = wp.quat_to_matrix(wp.transform_get_rotation(end))
         d.relative[b] = motions.enough[wp.where(motions.done[b] + 1 == motions.parts[b], 0, 1)]
@@ -283,10 +281,7 @@ def take_over(
     elastic_out: wp.array2d(dtype=wp.vec3d),
     contact_out: wp.array2d(dtype=wp.vec3d),
 ):
-    """Keep nodes and gaps of who has arrived, and put nodes to where a part starts.
-
-    Launches over [environment_count, node_count].
-    """
+    """Keep where who has arrived is, and start parts; over [environment_count, node_count]."""
     b, n = wp.tid()
     if history.arrives[b] == 1:
         history.older[b, n] = history.last[b, n]

@@ -110,7 +110,7 @@ class Frames:
         elif not self._descents.ran:  # a graph cannot compile kernels: all run before
             self._launch()
             self._history.comes.zero_()
-            self._lower()
+            _made(self._lowering)
             self._iterate()
             self._descents.ran = True
         else:
@@ -125,24 +125,17 @@ class Frames:
         for flag in (self._new, busy):
             flag.zero_()
         self._set_out.launch()
-        wp.capture_if(self._new, on_true=self._lower)
-        for each in self._look:
-            each.launch()
+        wp.capture_if(self._new, on_true=_made, launches=self._lowering)
+        _made(self._look)
         wp.capture_while(busy, while_body=self._iterate)
-        for each in self._noting:
-            each.launch()
-
-    def _lower(self) -> None:
-        for each in self._lowering:
-            each.launch()
+        _made(self._noting)
 
     def _iterate(self) -> None:
         """Take steps; beside each, note who arrived by the one before."""
         for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
             with self._device.beside(*(each.launch for each in self._noting), number=1):
                 self._descents.step()
-            for each in self._look:
-                each.launch()
+            _made(self._look)
 
     def _recorded_start(self) -> tuple[Any, list[Any]]:
         """Record what finds who comes down anew, and what puts these over their first goals.
@@ -214,3 +207,8 @@ class Frames:
             record(overlap, (*own, many), [*held, history.light], many),
             record(kernels.note, own, noted),
         ]
+
+
+def _made(launches: list[Any]) -> None:
+    for each in launches:
+        each.launch()

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from sim.batch import dense_inverse_kernels as kernels
 from sim.batch.dense_kernel import Tiling, product_kernel
@@ -71,13 +70,7 @@ class FactoredRest:
         at = (3 * missing[:, None] + np.arange(3)).reshape(-1)
         self.compliance.numpy()[at] = found
 
-    def places(self, state: Any) -> tuple[()]:  # noqa: ARG002
-        """Return nothing: every environment keeps its column."""
-        return ()
-
-    def apply(
-        self, asked: NDArray[np.int32], sources: Any, found: Any, *, at_surface: bool = False
-    ) -> None:
+    def apply(self, asked: Any, sources: Any, found: Any, *, at_surface: bool = False) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count].
 
         With ``at_surface`` only its rows at the surface are needed.
@@ -150,18 +143,11 @@ class DenseRest:
         """Do nothing: all rows are known."""
 
     def places(self, state: Any) -> Any:
-        """Return what gives who asks the first columns, so that few blocks are read."""
+        """Return a launch that gives who asks the first columns, so that few blocks are read."""
         inputs = [state, self._tiling.columns, _FEW.columns, self.blocks, self.few]
-        return [self._device.record(kernels.place, (_PLACERS,), inputs, _PLACERS).launch]
+        return self._device.record(kernels.place, (_PLACERS,), inputs, _PLACERS)
 
-    def apply(
-        self,
-        asked: NDArray[np.int32] | None,  # noqa: ARG002
-        sources: Any,
-        found: Any,
-        *,
-        at_surface: bool = False,
-    ) -> None:
+    def apply(self, _asked: Any, sources: Any, found: Any, *, at_surface: bool = False) -> None:
         """Set ``found`` to the products of the inverse with ``sources``, over unit and weights.
 
         Args:
