@@ -191,9 +191,9 @@ def test_a_factor_that_hardly_holds_the_ball_lowers_it_by_little(
     path = path_for(replace(SCENE, indenter=BALL), plan_effects(SCENE), model=model)
     solver, state = path.solver, path.advance(0.1e-3).state
 
-    def down_by_a_metre(_asked: object, _sources: object, found: Any) -> None:
-        found.numpy()[0] = 0.0
-        found.numpy()[0, -1] = -1.0
+    def down_by_a_metre(_asked: object, _sources: object, found: Any, prepare: Any) -> None:
+        prepare()
+        found.numpy()[0, :-1], found.numpy()[0, -1] = 0.0, -1.0
 
     monkeypatch.setattr(solver.factor, "apply", down_by_a_metre)
     descents, before = solver._descents, state.tip[2]
