@@ -4,7 +4,7 @@ import io
 import math
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal
@@ -15,7 +15,7 @@ from PIL import Image
 
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems, at_most
-from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb, encode_png
@@ -34,7 +34,21 @@ SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
 """[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
+APART_M = 1e-3
+"""RMS distance of places, stated and seen, from their middle: less shows no direction."""
+_TURNED = {
+    "as stated": ((1, 0), (0, 1)),
+    "mirrored left to right": ((-1, 0), (0, 1)),
+    "upside down (mirrored top to bottom)": ((1, 0), (0, -1)),
+    "turned by 180 degrees": ((-1, 0), (0, -1)),
+    "turned by 90 degrees": ((0, -1), (1, 0)),
+    "turned by 270 degrees": ((0, 1), (-1, 0)),
+    "mirrored at a diagonal (x and y exchanged)": ((0, 1), (1, 0)),
+    "mirrored at the other diagonal": ((0, -1), (-1, 0)),
+}
+"""How images may lie against places, and what it makes of columns to the right and rows down."""
 Size = tuple[int, int]
+Place = tuple[float, float]
 
 
 class Images(Section):
@@ -115,8 +129,8 @@ class Converter:
     # An image of each press and its image at rest, scaled down, by the press's name
     pairs: dict[str, tuple[ImageArray, ImageArray]] = field(default_factory=dict)
 
-    def check_colours(self, problems: Problems) -> None:
-        """Note images with channels in another order than at rest, and images of two presses."""
+    def check_pairs(self, problems: Problems, places: Mapping[str, Place | None]) -> None:
+        """Note channels in another order than at rest, images of two presses, and turned ones."""
         pairs = self.pairs
         if swapped := exchanged_channels([*pairs.values()]):
             problems.add(
@@ -131,9 +145,15 @@ class Converter:
                 f"{len(again)} of {len(pairs)} presses have the same image as an earlier one, "
                 f"{again[0]}: check that no row is there twice and the camera did not stand still."
             ] = None
+        known = [(*pairs[name], place) for name, place in places.items() if place and name in pairs]
+        if lies := how_images_lie(known, self.camera):
+            self.notes[
+                f"Contacts in {len(known)} images lie as if images were {lies} against the stated "
+                "places: check images.turn, and the columns of x and y with their signs."
+            ] = None
 
     def compare(self, press: str, data: bytes, rest: bytes) -> None:
-        """Keep an image of a press and its image at rest for ``check_colours``."""
+        """Keep an image of a press and its image at rest for ``check_pairs``."""
         image, still = _reduced(data), _reduced(rest)
         if image is not None and still is not None:
             self.pairs[press] = image, still
@@ -261,3 +281,43 @@ def exchanged_channels(
     swapped = float(np.median([_apart(image[..., ::-1], rest) for image, rest in pairs]))
     is_likelier = swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS
     return (as_stated, swapped) if is_likelier else None
+
+
+def how_images_lie(
+    presses: Sequence[tuple[ImageArray, ImageArray, Place]], camera: CameraGeometry
+) -> str:
+    """Return how images lie against the places pressed; empty as stated, or where none can tell.
+
+    Args:
+        presses: An image of each, its image at rest, and where was pressed [m].
+        camera: Whose whole frames these are, scaled down.
+    """
+    if len(presses) < 4:
+        return ""
+    stated = np.array([place for *_, place in presses])
+    seen = (
+        [_contact(image, rest) for image, rest, _ in presses]
+        * np.array((camera.width, camera.height))
+        / (1.0 - 2.0 * camera.crop_fraction)
+    )
+    stated, seen = (each - each.mean(axis=0) for each in (stated, seen))
+    stated = stated @ np.linalg.inv(camera.direction_matrix).T  # columns and rows, as seen
+    norms = [float(np.sqrt((each**2).sum(axis=1).mean())) for each in (stated, seen)]
+    if min(norms) * camera.mean_scale_m < APART_M:
+        return ""
+    alike = {
+        name: float((seen * (stated @ np.array(turn).T)).sum(axis=1).mean() / math.prod(norms))
+        for name, turn in _TURNED.items()
+    }
+    likely = [name for name, cosine in alike.items() if cosine > 0.8]
+    return " or ".join(likely) if alike["as stated"] < 0.5 else ""
+
+
+def _contact(image: ImageArray, rest: ImageArray) -> FloatArray:
+    """Return where an image differs most from that at rest, from its middle, in its sides."""
+    change = np.square(image.astype(np.float64) - rest).sum(axis=2)
+    change = cv2.GaussianBlur(change, (0, 0), 2.0)
+    weight = np.maximum(change - 0.3 * change.max(), 0.0)
+    total = max(float(weight.sum()), 1e-9)
+    rows, columns = ((np.arange(n) + 0.5) / n - 0.5 for n in weight.shape)
+    return np.array([weight.sum(axis=0) @ columns, weight.sum(axis=1) @ rows]) / total

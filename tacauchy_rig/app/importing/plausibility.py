@@ -1,7 +1,7 @@
 """Is what was recorded possible on this gel? Signs, units, axis and place, before any simulation.
 
-Forces are compared with Hertz's on a half-space at the stated depth: the base below a thin gel
-makes it several times stiffer, a wrong unit a hundred or a thousand times.
+Forces are compared with a bonded layer's at the stated depth: beyond what any gel gives they are
+refused, beyond what the sensor's file and its estimate leave open the run says so.
 """
 
 import math
@@ -9,7 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from sim.effects.depth_and_inertia_scales import expected_force
 from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.scene import Target
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.press_detection import Press
 from tacauchy_rig.app.importing.source_files import shown
@@ -19,16 +21,20 @@ from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.run import FZ
 
 UNLIKE = 30.0
-"""Times Hertz's force, or a part of it: no gel, base or poor contact does that."""
+"""Times the force expected, or a part of it: no gel, base or poor contact does that."""
 LIKE = 8.0
 """Times or part that are left with the unit that is meant: thin gels and soft ones."""
+ODD = 3.0
+"""Times or part that is told: kgf read as N leave 0.1. The estimate is good to 1.5, gels to 2."""
+MOST = 2.0
+"""Times the force expected at the gel's base: more is no press."""
 LEAST_N = 0.005
 """A force whose sign means something; less is noise about zero."""
 LEAST_DEPTH_M = 1e-6
 BESIDE_M = 2e-3
 """That a place may be beside the gel's edge."""
 _CONFUSED = {
-    Dimension.FORCE: (("N", "mN", "gf"), ("N", "mN")),
+    Dimension.FORCE: (("N", "mN", "gf", "kgf", "lbf"), ("N", "mN")),
     Dimension.LENGTH: (("m", "mm", "um"), ("m", "mm", "um")),
     Dimension.PRESSURE: (("Pa", "kPa", "MPa"), ("Pa", "kPa", "MPa")),
 }
@@ -48,6 +54,7 @@ def check_presses(
     keys: Mapping[str, str],
     *,
     sign: int,
+    notes: list[str],
 ) -> Findings:
     """Yield what no press of this gel has: conventions that are wrong throughout by their key.
 
@@ -56,6 +63,7 @@ def check_presses(
         keys: What declares conventions, for messages: of ``force`` and ``depth`` their unit, of
             ``force_sign`` and ``depth_sign`` what turns them, of ``place`` its columns.
         sign: Of forces in compression.
+        notes: Takes what is possible and yet unlikely, a sentence each.
     """
     where = [press.where or press.name for press in presses]
     nothing = np.full((1, 6), np.nan)
@@ -68,7 +76,7 @@ def check_presses(
     told = [f"{at}: depth {1e3 * each:.4g} mm" for at, each in zip(where, depths, strict=True)]
     found += _negative("depths", told, depths, LEAST_DEPTH_M, keys["depth_sign"])
     found += _unlike_depths(told, np.abs(depths), sensor.pad.height_m, keys["depth"])
-    yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys["force"])
+    yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys, notes)
     yield from _across(wrenches[np.isfinite(forces), :3])
     yield from _beside(where, presses, sensor, keys["place"])
 
@@ -118,26 +126,35 @@ def _unlike_forces(
     forces: FloatArray,
     depths: FloatArray,
     sensor: Sensor,
-    key: str,
+    keys: Mapping[str, str],
+    notes: list[str],
 ) -> Findings:
     """Yield forces that no depth explains: by their own depth, or at most by the gel's height."""
     pairs = zip(indenters, depths.tolist(), strict=True)
-    at_depth = np.array([_hertz_n(indenter, depth_m, sensor) for indenter, depth_m in pairs])
-    ratios = forces / np.where(at_depth > 0.0, at_depth, np.nan)
+    ratios = forces / np.array([_expected_n(indenter, depth, sensor) for indenter, depth in pairs])
     known = np.flatnonzero(np.isfinite(ratios))
     middle = float(np.median(ratios[known])) if len(known) else 1.0
-    if not 1.0 / UNLIKE < middle < UNLIKE:
-        k = int(known[0])
-        yield RecordError(
-            f"forces are {middle:.3g} times what this gel gives at their depths (median of "
-            f"{len(known)} presses; the first: {where[k]}: {forces[k]:.4g} N at "
-            f"{1e3 * depths[k]:.4g} mm)",
-            remedy=f"correct {key}{unit_meant(Dimension.FORCE, abs(middle))}; if it is right, "
-            "state the gel's modulus as rig.replay.young",
-        )
-        return
-    most = np.array([_hertz_n(each, sensor.pad.height_m, sensor) for each in indenters])
-    too_much = np.flatnonzero(forces > LIKE * most)
+    told = [
+        f"{where[k]}: {forces[k]:.4g} N at {1e3 * depths[k]:.4g} mm, {ratios[k]:.2g} times"
+        for k in known.tolist()
+    ]
+    if not 1.0 / ODD < middle < ODD:
+        message = f"forces are {middle:.2g} times what this gel gives at their depths (median of "
+        message += f"{len(known)} presses; the first: {told[0]})"
+        is_unlike = not 1.0 / UNLIKE < middle < UNLIKE
+        meant = unit_meant(Dimension.FORCE, abs(middle), LIKE if is_unlike else ODD)
+        remedy = f"correct {keys['force']}{meant}; if it is right, correct {keys['depth']} or "
+        remedy += "state the gel's modulus as rig.replay.young"
+        if is_unlike:
+            yield RecordError(message, remedy=remedy)
+            return
+        notes.append(f"{message}: {remedy}.")
+    elif odd := [
+        told[n] for n in np.flatnonzero(np.abs(np.log(ratios[known])) > math.log(ODD)).tolist()
+    ]:
+        notes.append(f"Forces and depths unlike those of other presses: {'; '.join(odd[:3])}.")
+    most = np.array([_expected_n(each, sensor.pad.height_m, sensor) for each in indenters])
+    too_much = np.flatnonzero(forces > MOST * most)
     told = [
         f"{where[k]}: force {forces[k]:.4g} N; the gel pressed to its base gives about "
         f"{most[k]:.3g} N"
@@ -145,26 +162,19 @@ def _unlike_forces(
     ]
     if told:
         times = 4.0 * float(np.median(forces[too_much] / most[too_much]))
-        remedy = f"correct {key}{unit_meant(Dimension.FORCE, times)}"
+        remedy = f"correct {keys['force']}{unit_meant(Dimension.FORCE, times)}"
         yield RecordError(shown(told), remedy=remedy)
 
 
-def _hertz_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
-    """Return the force of an indenter on a half-space of the gel's material [N].
+def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
+    """Return about what force a ball or flat punch has at a depth [N]; NaN where it is not known.
 
-    A ball's by Hertz, a flat punch's by Sneddon; of others the gel's whole area at that strain,
-    which is more than any gives.
+    Of others, at the gel's height, what its whole area gives, which is more than any has.
     """
-    material, pad = sensor.material, sensor.pad
-    modulus_pa = material.young_pa / (1.0 - material.poisson**2)
-    if isinstance(indenter, Sphere):
-        root = math.sqrt(indenter.diameter_m / 2.0 * abs(depth_m) ** 3)
-        return 4.0 / 3.0 * modulus_pa * root
-    if isinstance(indenter, Cylinder):
-        return modulus_pa * indenter.diameter_m * abs(depth_m)
-    if not depth_m >= pad.height_m:  # or it is not known
+    is_round = isinstance(indenter, Sphere | Cylinder)
+    if indenter is None or not depth_m > 0.0 or not (is_round or depth_m >= sensor.pad.height_m):
         return math.nan
-    return modulus_pa * 4.0 * math.prod(pad.half_extents()) / LIKE
+    return expected_force(sensor.scene(indenter, Target(depth_m=depth_m)))
 
 
 def _across(forces: FloatArray) -> Findings:
