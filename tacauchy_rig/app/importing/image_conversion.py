@@ -34,19 +34,11 @@ SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
 """[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
+FEWEST_PLACES = 4
 APART_M = 1e-3
-"""RMS distance of places, stated and seen, from their middle: less shows no direction."""
-_TURNED = {
-    "as stated": ((1, 0), (0, 1)),
-    "mirrored left to right": ((-1, 0), (0, 1)),
-    "upside down (mirrored top to bottom)": ((1, 0), (0, -1)),
-    "turned by 180 degrees": ((-1, 0), (0, -1)),
-    "turned by 90 degrees": ((0, -1), (1, 0)),
-    "turned by 270 degrees": ((0, 1), (-1, 0)),
-    "mirrored at a diagonal (x and y exchanged)": ((0, 1), (1, 0)),
-    "mirrored at the other diagonal": ((0, -1), (-1, 0)),
-}
-"""How images may lie against places, and what it makes of columns to the right and rows down."""
+"""RMS distance of contacts in images from their middle: less shows no direction."""
+CHANGED_LEVELS = 8.0
+"""[grey level] beside contacts: one unit's gels differ by 15, images of one gel by 1 to 2."""
 Size = tuple[int, int]
 Place = tuple[float, float]
 
@@ -146,10 +138,15 @@ class Converter:
                 f"{again[0]}: check that no row is there twice and the camera did not stand still."
             ] = None
         known = [(*pairs[name], place) for name, place in places.items() if place and name in pairs]
-        if lies := how_images_lie(known, self.camera):
+        if lie := how_contacts_lie(known, self.camera):
             self.notes[
-                f"Contacts in {len(known)} images lie as if images were {lies} against the stated "
-                "places: check images.turn, and the columns of x and y with their signs."
+                f"Contacts in {len(known)} images {lie}: check images.turn, the columns of x and "
+                "y, their units and signs, and that images are of this camera and these presses."
+            ] = None
+        if (level := background_change([*pairs.values()])) > CHANGED_LEVELS:
+            self.notes[
+                f"Images pressed differ from those at rest by {level:.0f} grey levels beside the "
+                "contact: check that both are of one camera, gel, light and exposure."
             ] = None
 
     def compare(self, press: str, data: bytes, rest: bytes) -> None:
@@ -283,41 +280,55 @@ def exchanged_channels(
     return (as_stated, swapped) if is_likelier else None
 
 
-def how_images_lie(
+def background_change(pairs: Sequence[tuple[ImageArray, ImageArray]]) -> float:
+    """Return how far images are from those at rest where they change least, a median [grey level].
+
+    A quarter of an image is beside the contact even of large indenters.
+    """
+    apart = [np.abs(image.astype(np.int16) - rest).mean(axis=2) for image, rest in pairs]
+    return float(np.median([np.quantile(each, 0.25) for each in apart])) if apart else 0.0
+
+
+def how_contacts_lie(
     presses: Sequence[tuple[ImageArray, ImageArray, Place]], camera: CameraGeometry
 ) -> str:
-    """Return how images lie against the places pressed; empty as stated, or where none can tell.
+    """Return how contacts lie otherwise than where was pressed; empty where that is not so.
+
+    Nobody can tell of few presses, or of presses at one place. As complex numbers places seen are
+    ``a`` times those stated, or ``a`` times their conjugates where images are mirrored.
 
     Args:
         presses: An image of each, its image at rest, and where was pressed [m].
         camera: Whose whole frames these are, scaled down.
     """
-    if len(presses) < 4:
+    if len(presses) < FEWEST_PLACES:
         return ""
-    stated = np.array([place for *_, place in presses])
-    seen = (
-        [_contact(image, rest) for image, rest, _ in presses]
-        * np.array((camera.width, camera.height))
-        / (1.0 - 2.0 * camera.crop_fraction)
-    )
-    stated, seen = (each - each.mean(axis=0) for each in (stated, seen))
-    stated = stated @ np.linalg.inv(camera.direction_matrix).T  # columns and rows, as seen
-    norms = [float(np.sqrt((each**2).sum(axis=1).mean())) for each in (stated, seen)]
-    if min(norms) * camera.mean_scale_m < APART_M:
+    size_px = np.array((camera.width, camera.height)) / (1.0 - 2.0 * camera.crop_fraction)
+    seen = np.array([_contact(image, rest) for image, rest, _ in presses]) * size_px
+    stated = camera.to_pixels(np.array([place for *_, place in presses]))
+    seen, stated = ((each - each.mean(axis=0)) @ (1.0, 1.0j) for each in (seen, stated))
+    rms = [float(np.sqrt(np.mean(np.abs(each) ** 2))) for each in (seen, stated)]
+    if rms[0] * camera.mean_scale_m < APART_M or not rms[1]:
         return ""
-    alike = {
-        name: float((seen * (stated @ np.array(turn).T)).sum(axis=1).mean() / math.prod(norms))
-        for name, turn in _TURNED.items()
-    }
-    likely = [name for name, cosine in alike.items() if cosine > 0.8]
-    return " or ".join(likely) if alike["as stated"] < 0.5 else ""
+    turned, mirrored = (np.vdot(each, seen) / len(seen) for each in (stated, stated.conj()))
+    is_mirrored = bool(abs(mirrored) > 1.2 * abs(turned))
+    share = abs(mirrored if is_mirrored else turned) / math.prod(rms)
+    degrees = round(math.degrees(np.angle(mirrored if is_mirrored else turned)))
+    if share < 0.5:
+        return "do not lie where the source says it pressed"
+    if is_mirrored or abs(degrees) > 60.0:
+        told = "mirrored top to bottom and " * is_mirrored
+        return f"lie as if images were {told}turned by {degrees} degrees against the stated places"
+    if rms[0] > 3.0 * rms[1]:
+        return f"lie {rms[0] / rms[1]:.2g} times as far apart as the stated places"
+    return ""
 
 
 def _contact(image: ImageArray, rest: ImageArray) -> FloatArray:
-    """Return where an image differs most from that at rest, from its middle, in its sides."""
+    """Return where an image differs most from that at rest, in its sides from its first corner."""
     change = np.square(image.astype(np.float64) - rest).sum(axis=2)
     change = cv2.GaussianBlur(change, (0, 0), 2.0)
-    weight = np.maximum(change - 0.3 * change.max(), 0.0)
-    total = max(float(weight.sum()), 1e-9)
-    rows, columns = ((np.arange(n) + 0.5) / n - 0.5 for n in weight.shape)
-    return np.array([weight.sum(axis=0) @ columns, weight.sum(axis=1) @ rows]) / total
+    weight = np.maximum(change - 0.3 * change.max(), 1e-9)
+    rows, columns = np.indices(weight.shape)
+    centre = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
+    return np.asarray(centre / weight.shape[::-1], dtype=np.float64)

@@ -77,6 +77,11 @@ def check_presses(
     found += _negative("depths", told, depths, LEAST_DEPTH_M, keys["depth_sign"])
     found += _unlike_depths(told, np.abs(depths), sensor.pad.height_m, keys["depth"])
     yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys, notes)
+    if still := [at for at, press in zip(where, presses, strict=True) if _stands_still(press)]:
+        notes.append(
+            f"The force of {len(still)} presses is one number while they are held, but not at rest "
+            f"({', '.join(still[:3])}): check that the cell was neither saturated nor stuck."
+        )
     yield from _across(wrenches[np.isfinite(forces), :3])
     yield from _beside(where, presses, sensor, keys["place"])
 
@@ -175,6 +180,15 @@ def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> fl
     if indenter is None or not depth_m > 0.0 or not (is_round or depth_m >= sensor.pad.height_m):
         return math.nan
     return expected_force(sensor.scene(indenter, Target(depth_m=depth_m)))
+
+
+def _stands_still(press: Press) -> bool:
+    """Return whether a force that has noise at rest has none while it is held."""
+    held = press.held
+    if held is None or len(held) < 3 or press.force is None or press.tare is None:
+        return False
+    rest = press.force.within(press.tare).value[:, FZ]
+    return not np.ptp(held[:, FZ]) and np.unique(rest).size > 2
 
 
 def _across(forces: FloatArray) -> Findings:
