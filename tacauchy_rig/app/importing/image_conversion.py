@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from reports.scores.contact_scores import contact_footprint, image_change
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems, at_most
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.field_ranges import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.image_codec import ColourOrder, decode_rgb, encode_png
@@ -143,7 +144,11 @@ class Converter:
                 f"Contacts in {len(known)} images {lie}: check images.turn, the columns of x and "
                 "y, their units and signs, and that images are of this camera and these presses."
             ] = None
-        if (level := background_change([*pairs.values()])) > CHANGED_LEVELS:
+        # A quarter of an image is beside the contact even of large indenters.
+        apart = [
+            np.quantile(np.abs(image - rest.astype(float)), 0.25) for image, rest in pairs.values()
+        ]
+        if apart and (level := np.median(apart)) > CHANGED_LEVELS:
             self.notes[
                 f"Images pressed differ from those at rest by {level:.0f} grey levels beside the "
                 "contact: check that both are of one camera, gel, light and exposure."
@@ -280,55 +285,38 @@ def exchanged_channels(
     return (as_stated, swapped) if is_likelier else None
 
 
-def background_change(pairs: Sequence[tuple[ImageArray, ImageArray]]) -> float:
-    """Return how far images are from those at rest where they change least, a median [grey level].
-
-    A quarter of an image is beside the contact even of large indenters.
-    """
-    apart = [np.abs(image.astype(np.int16) - rest).mean(axis=2) for image, rest in pairs]
-    return float(np.median([np.quantile(each, 0.25) for each in apart])) if apart else 0.0
-
-
 def how_contacts_lie(
     presses: Sequence[tuple[ImageArray, ImageArray, Place]], camera: CameraGeometry
 ) -> str:
-    """Return how contacts lie otherwise than where was pressed; empty where that is not so.
+    """Return how contacts lie otherwise than where was pressed [m]; empty where that is not so.
 
-    Nobody can tell of few presses, or of presses at one place. As complex numbers places seen are
-    ``a`` times those stated, or ``a`` times their conjugates where images are mirrored.
-
-    Args:
-        presses: An image of each, its image at rest, and where was pressed [m].
-        camera: Whose whole frames these are, scaled down.
+    Presses at one place, and few, cannot tell. As complex numbers places seen are ``a`` times those
+    stated, or ``a`` times their conjugates where images are mirrored. Images are whole frames of
+    the camera, scaled down.
     """
-    if len(presses) < FEWEST_PLACES:
+    rows = [
+        (
+            *np.argwhere(shown)[:, ::-1].mean(axis=0) / shown.shape[::-1],
+            *camera.to_pixels(np.array(place)),
+        )
+        for image, rest, place in presses
+        if (shown := contact_footprint(image_change(image, rest))) is not None
+    ]
+    if len(rows) < FEWEST_PLACES:
         return ""
-    size_px = np.array((camera.width, camera.height)) / (1.0 - 2.0 * camera.crop_fraction)
-    seen = np.array([_contact(image, rest) for image, rest, _ in presses]) * size_px
-    stated = camera.to_pixels(np.array([place for *_, place in presses]))
-    seen, stated = ((each - each.mean(axis=0)) @ (1.0, 1.0j) for each in (seen, stated))
-    rms = [float(np.sqrt(np.mean(np.abs(each) ** 2))) for each in (seen, stated)]
-    if rms[0] * camera.mean_scale_m < APART_M or not rms[1]:
+    scale = np.array((camera.width, camera.height, 1.0 - 2.0 * camera.crop_fraction))
+    apart = rows - np.mean(rows, axis=0)
+    seen, stated = apart[:, :2] * scale[:2] / scale[2] @ (1.0, 1.0j), apart[:, 2:] @ (1.0, 1.0j)
+    far, stated_far = (float(np.linalg.norm(each)) for each in (seen, stated))
+    if far * camera.mean_scale_m < APART_M * math.sqrt(len(rows)) or not stated_far:
         return ""
-    turned, mirrored = (np.vdot(each, seen) / len(seen) for each in (stated, stated.conj()))
+    turned, mirrored = (np.vdot(each, seen) for each in (stated, stated.conj()))
     is_mirrored = bool(abs(mirrored) > 1.2 * abs(turned))
-    share = abs(mirrored if is_mirrored else turned) / math.prod(rms)
     degrees = round(math.degrees(np.angle(mirrored if is_mirrored else turned)))
-    if share < 0.5:
+    if abs(mirrored if is_mirrored else turned) < 0.5 * far * stated_far:
         return "do not lie where the source says it pressed"
     if is_mirrored or abs(degrees) > 60.0:
         told = "mirrored top to bottom and " * is_mirrored
         return f"lie as if images were {told}turned by {degrees} degrees against the stated places"
-    if rms[0] > 3.0 * rms[1]:
-        return f"lie {rms[0] / rms[1]:.2g} times as far apart as the stated places"
-    return ""
-
-
-def _contact(image: ImageArray, rest: ImageArray) -> FloatArray:
-    """Return where an image differs most from that at rest, in its sides from its first corner."""
-    change = np.square(image.astype(np.float64) - rest).sum(axis=2)
-    change = cv2.GaussianBlur(change, (0, 0), 2.0)
-    weight = np.maximum(change - 0.3 * change.max(), 1e-9)
-    rows, columns = np.indices(weight.shape)
-    centre = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
-    return np.asarray(centre / weight.shape[::-1], dtype=np.float64)
+    times = far / stated_far
+    return f"lie {times:.2g} times as far apart as the stated places" if times > 3.0 else ""

@@ -79,8 +79,8 @@ def check_presses(
     yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys, notes)
     if still := [at for at, press in zip(where, presses, strict=True) if _stands_still(press)]:
         notes.append(
-            f"The force of {len(still)} presses is one number while they are held, but not at rest "
-            f"({', '.join(still[:3])}): check that the cell was neither saturated nor stuck."
+            f"{', '.join(still[:3])}: {len(still)} presses have one force while they are held, and "
+            "noise at rest: check whether the cell saturated or stood still."
         )
     yield from _across(wrenches[np.isfinite(forces), :3])
     yield from _beside(where, presses, sensor, keys["place"])
@@ -137,15 +137,12 @@ def _unlike_forces(
     """Yield forces that no depth explains: by their own depth, or at most by the gel's height."""
     pairs = zip(indenters, depths.tolist(), strict=True)
     ratios = forces / np.array([_expected_n(indenter, depth, sensor) for indenter, depth in pairs])
-    known = np.flatnonzero(np.isfinite(ratios))
-    middle = float(np.median(ratios[known])) if len(known) else 1.0
-    told = [
-        f"{where[k]}: {forces[k]:.4g} N at {1e3 * depths[k]:.4g} mm, {ratios[k]:.2g} times"
-        for k in known.tolist()
-    ]
+    known = np.flatnonzero(np.isfinite(ratios)).tolist()
+    middle = float(np.median(ratios[known])) if known else 1.0
+    told = {k: f"{where[k]}: {forces[k]:.4g} N at {1e3 * depths[k]:.4g} mm" for k in known}
     if not 1.0 / ODD < middle < ODD:
         message = f"forces are {middle:.2g} times what this gel gives at their depths (median of "
-        message += f"{len(known)} presses; the first: {told[0]})"
+        message += f"{len(known)} presses; the first: {told[known[0]]})"
         is_unlike = not 1.0 / UNLIKE < middle < UNLIKE
         meant = unit_meant(Dimension.FORCE, abs(middle), LIKE if is_unlike else ODD)
         remedy = f"correct {keys['force']}{meant}; if it is right, correct {keys['depth']} or "
@@ -154,21 +151,15 @@ def _unlike_forces(
             yield RecordError(message, remedy=remedy)
             return
         notes.append(f"{message}: {remedy}.")
-    elif odd := [
-        told[n] for n in np.flatnonzero(np.abs(np.log(ratios[known])) > math.log(ODD)).tolist()
-    ]:
+    if odd := [told[k] for k in known if not middle / ODD <= ratios[k] <= middle * ODD]:
         notes.append(f"Forces and depths unlike those of other presses: {'; '.join(odd[:3])}.")
     most = np.array([_expected_n(each, sensor.pad.height_m, sensor) for each in indenters])
-    too_much = np.flatnonzero(forces > MOST * most)
-    told = [
-        f"{where[k]}: force {forces[k]:.4g} N; the gel pressed to its base gives about "
-        f"{most[k]:.3g} N"
-        for k in too_much.tolist()
-    ]
-    if told:
+    too_much = np.flatnonzero(forces > MOST * most).tolist()
+    beyond = "{}: force {:.4g} N; the gel pressed to its base gives about {:.3g} N"
+    if lines := [beyond.format(where[k], forces[k], most[k]) for k in too_much]:
         times = 4.0 * float(np.median(forces[too_much] / most[too_much]))
         remedy = f"correct {keys['force']}{unit_meant(Dimension.FORCE, times)}"
-        yield RecordError(shown(told), remedy=remedy)
+        yield RecordError(shown(lines), remedy=remedy)
 
 
 def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
@@ -184,11 +175,10 @@ def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> fl
 
 def _stands_still(press: Press) -> bool:
     """Return whether a force that has noise at rest has none while it is held."""
-    held = press.held
-    if held is None or len(held) < 3 or press.force is None or press.tare is None:
+    if press.force is None or press.tare is None or press.held is None or len(press.held) < 3:
         return False
     rest = press.force.within(press.tare).value[:, FZ]
-    return not np.ptp(held[:, FZ]) and np.unique(rest).size > 2
+    return not np.ptp(press.held[:, FZ]) and np.unique(rest).size > 2
 
 
 def _across(forces: FloatArray) -> Findings:

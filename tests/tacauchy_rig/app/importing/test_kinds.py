@@ -88,10 +88,11 @@ def image(
     *,
     kind: str = ".png",
     size: tuple[int, int] = SIZE,
+    at: tuple[float, float] = (0.5, 0.375),
 ) -> bytes:
-    """Return an image with a gradient of light, noise, and something pressed in its middle."""
+    """Return an image with a gradient of light, noise, and something pressed [widths]."""
     y, x = np.mgrid[0 : size[1], 0 : size[0]] / max(size)
-    inside = np.hypot(x - 0.5, y - 0.5 * size[1] / size[0]) < 0.1 * depth_mm**0.5
+    inside = np.hypot(x - at[0], y - at[1]) < 0.1 * depth_mm**0.5
     level = 80.0 + 60.0 * x + 30.0 * y + 40.0 * inside + random.normal(0.0, 2.0, x.shape)
     colour = np.clip(np.stack([level, 0.8 * level, 0.6 * level], axis=-1), 0, 255)
     return bytes(cv2.imencode(kind, colour.astype(np.uint8))[1])
@@ -243,6 +244,65 @@ def millinewtons(folder: Folder) -> None:
     folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
 
 
+def kilograms_force(folder: Folder) -> None:
+    """Kilograms-force where newtons are stated."""
+    folder.force_n = folder.force_n / 9.80665
+    _cells(folder, 1, lambda v: repr(v / 9.80665))
+    folder.noted = "kgf where N is stated"
+
+
+def one_tenfold(folder: Folder) -> None:
+    """One press has another force than its depth and the other presses say."""
+    folder.force_n[1] *= 10.0
+    folder.rows[2][1] = repr(float(folder.force_n[1]))
+    folder.noted = "unlike those of other presses: presses.csv line 3"
+
+
+def saturated(folder: Folder) -> None:
+    """The cell's noise ends where it is pressed."""
+    _labelled(folder, lambda k: f"{k * 0.04:.3f}")
+    for row in folder.rows[1:]:
+        row[1] = repr(float(row[1]) + 1e-7 * folder.random.normal() * (row[5] == "rest"))
+    folder.noted = "one force while they are held"
+
+
+def other_light(folder: Folder) -> None:
+    """The image at rest is of another exposure."""
+    still = cv2.imread(str(folder.root / "rest.png"))
+    cv2.imwrite(str(folder.root / "rest.png"), np.asarray(0.8 * still, np.uint8))
+    folder.noted = "grey levels beside the contact"
+
+
+def upside_down(folder: Folder) -> None:
+    """Images, or y, have another direction than the sensor's file says."""
+    _placed(folder, -1.0)
+    folder.noted = "lie as if images were mirrored top to bottom and turned by 0 degrees"
+
+
+def in_place(folder: Folder) -> None:
+    """Contacts lie where it is stated, and nothing is said of it."""
+    _placed(folder, 1.0)
+
+
+def centimetres(folder: Folder) -> None:
+    """Places in centimetres where millimetres are stated."""
+    _placed(folder, 1.0, unit=0.1)
+    folder.noted = "times as far apart as the stated places"
+
+
+def _placed(folder: Folder, sign: float, *, unit: float = 1.0) -> None:
+    """Write presses of 1 N at five places, of images of which a column sees 0.0634 * 2 / 3 mm."""
+    places = ((-3.0, -2.0), (3.0, -1.5), (2.0, 2.5), (-2.0, 1.0), (0.5, 0.0))
+    folder.rows, folder.force_n = [["file", "fz", "d", "x", "y"]], np.ones(len(places))
+    per_mm = 0.7 / (320 * 0.0634)  # of an image's width, a part of which is cut off
+    for k, (x, y) in enumerate(places):
+        at = (0.5 + per_mm * x, 0.375 + per_mm * sign * y)
+        (folder.root / f"p{k}.png").write_bytes(image(folder.random, 0.4, at=at))
+        folder.rows.append([f"p{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
+    shape = '{{ column = "{0}", unit = "mm" }}'
+    folder.spec["columns"] = "\n".join(f"{each} = {shape.format(each)}" for each in "xy")
+
+
 def labelled_coarse(folder: Folder) -> None:
     """Rows at rest and pressed with times too coarse to part them: labels count."""
     _labelled(folder, lambda k: f"{1790000000 + 128 * (k // 12)}.0")
@@ -352,6 +412,8 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     assert list(check_run(store).missed()) == []
     imported, forces = store.imported.load(), [each.force_measured_n for each in counting(store)]
     assert folder.noted in " ".join([*imported.unknown, *imported.notes])
+    assert folder.noted or not [note for note in imported.notes if "check" in note]
+    assert folder.noted or not [note for note in imported.notes if "correct" in note]
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)
 
 
