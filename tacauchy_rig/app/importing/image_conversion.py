@@ -35,7 +35,6 @@ SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
 """[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
-FEWEST_PLACES = 4
 APART_M = 1e-3
 """RMS distance of contacts in images from their middle: less shows no direction."""
 CHANGED_LEVELS = 8.0
@@ -117,8 +116,6 @@ class Converter:
     how: Images  # the source's convention
     camera: CameraGeometry  # of the sensor
     notes: dict[str, None] = field(default_factory=dict)  # what was made of images, a sentence each
-    # Sizes that were told to have another shape, once each
-    refused: set[Size] = field(default_factory=set)
     # An image of each press and its image at rest, scaled down, by the press's name
     pairs: dict[str, tuple[ImageArray, ImageArray]] = field(default_factory=dict)
 
@@ -140,19 +137,13 @@ class Converter:
             ] = None
         known = [(*pairs[name], place) for name, place in places.items() if place and name in pairs]
         if lie := how_contacts_lie(known, self.camera):
-            self.notes[
-                f"Contacts in {len(known)} images {lie}: check images.turn, the columns of x and "
-                "y, their units and signs, and that images are of this camera and these presses."
-            ] = None
+            note = f"Contacts in {len(known)} images {lie}: check columns, units and signs of x and"
+            self.notes[f"{note} y, images.turn, and whose images these are."] = None
         # A quarter of an image is beside the contact even of large indenters.
-        apart = [
-            np.quantile(np.abs(image - rest.astype(float)), 0.25) for image, rest in pairs.values()
-        ]
-        if apart and (level := np.median(apart)) > CHANGED_LEVELS:
-            self.notes[
-                f"Images pressed differ from those at rest by {level:.0f} grey levels beside the "
-                "contact: check that both are of one camera, gel, light and exposure."
-            ] = None
+        least = [float(np.quantile(cv2.absdiff(*pair), 0.25)) for pair in pairs.values()]
+        if least and (level := np.median(least)) > CHANGED_LEVELS:
+            note = f"Images pressed are {level:.0f} grey levels from those at rest beside contacts:"
+            self.notes[f"{note} check that both are of one gel, camera, light and exposure."] = None
 
     def compare(self, press: str, data: bytes, rest: bytes) -> None:
         """Keep an image of a press and its image at rest for ``check_pairs``."""
@@ -241,17 +232,15 @@ class Converter:
                 remedy="take both with one camera mode, and turn none of them",
             )
         want, is_now = self.camera.width / self.camera.height, size[0] / size[1]
-        if size in self.refused or abs(is_now / want - 1.0) <= ASPECT:
+        if abs(is_now / want - 1.0) <= ASPECT:
             return
-        self.refused.add(size)
         why, remedy = "", "cut images to the sensor's aspect ratio, or name another sensor: "
         remedy += "squeezed they would not be to scale"
         if abs(want * is_now - 1.0) <= ASPECT:
             why = ": it is turned by a quarter"
             remedy = "state images.turn = 90 or 270 if all are turned, or turn the image"
         raise RecordError(
-            f"{told}, as others may be, an aspect ratio of {is_now:.3f}; the sensor's is "
-            f"{want:.3f}{why}",
+            f"{told}, an aspect ratio of {is_now:.3f}; the sensor's is {want:.3f}{why}",
             remedy=remedy,
         )
 
@@ -290,33 +279,27 @@ def how_contacts_lie(
 ) -> str:
     """Return how contacts lie otherwise than where was pressed [m]; empty where that is not so.
 
-    Presses at one place, and few, cannot tell. As complex numbers places seen are ``a`` times those
-    stated, or ``a`` times their conjugates where images are mirrored. Images are whole frames of
-    the camera, scaled down.
+    Few presses, or at one place, cannot tell. As complex numbers places seen are ``a`` times those
+    stated, or ``a`` times their conjugates where images, frames scaled down, are mirrored.
     """
-    rows = [
-        (
-            *np.argwhere(shown)[:, ::-1].mean(axis=0) / shown.shape[::-1],
-            *camera.to_pixels(np.array(place)),
-        )
-        for image, rest, place in presses
-        if (shown := contact_footprint(image_change(image, rest))) is not None
-    ]
-    if len(rows) < FEWEST_PLACES:
+    size, both = np.array((camera.width, camera.height)) / (1.0 - 2.0 * camera.crop_fraction), []
+    for image, rest, place in presses:
+        if (shown := contact_footprint(image_change(image, rest))) is not None:
+            seen = np.argwhere(shown)[:, ::-1].mean(axis=0) / shown.shape[::-1] * size
+            both.append((seen, camera.to_pixels(np.array(place))))
+    if len(both) < 4:
         return ""
-    scale = np.array((camera.width, camera.height, 1.0 - 2.0 * camera.crop_fraction))
-    apart = rows - np.mean(rows, axis=0)
-    seen, stated = apart[:, :2] * scale[:2] / scale[2] @ (1.0, 1.0j), apart[:, 2:] @ (1.0, 1.0j)
-    far, stated_far = (float(np.linalg.norm(each)) for each in (seen, stated))
-    if far * camera.mean_scale_m < APART_M * math.sqrt(len(rows)) or not stated_far:
+    seen, stated = ((np.array(both) - np.mean(both, axis=0)) @ (1.0, 1.0j)).T
+    far, stated_far = float(np.linalg.norm(seen)), float(np.linalg.norm(stated))
+    if not stated_far or far * camera.mean_scale_m < APART_M * len(both) ** 0.5:
         return ""
-    turned, mirrored = (np.vdot(each, seen) for each in (stated, stated.conj()))
+    turned, mirrored = np.vdot(stated, seen), np.vdot(stated.conj(), seen)
     is_mirrored = bool(abs(mirrored) > 1.2 * abs(turned))
-    degrees = round(math.degrees(np.angle(mirrored if is_mirrored else turned)))
-    if abs(mirrored if is_mirrored else turned) < 0.5 * far * stated_far:
+    fitting = mirrored if is_mirrored else turned
+    degrees, times = round(math.degrees(np.angle(fitting))), far / stated_far
+    if abs(fitting) < 0.5 * far * stated_far:
         return "do not lie where the source says it pressed"
-    if is_mirrored or abs(degrees) > 60.0:
+    if is_mirrored or abs(degrees) > 60:
         told = "mirrored top to bottom and " * is_mirrored
         return f"lie as if images were {told}turned by {degrees} degrees against the stated places"
-    times = far / stated_far
     return f"lie {times:.2g} times as far apart as the stated places" if times > 3.0 else ""

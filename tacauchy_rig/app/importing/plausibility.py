@@ -77,11 +77,6 @@ def check_presses(
     found += _negative("depths", told, depths, LEAST_DEPTH_M, keys["depth_sign"])
     found += _unlike_depths(told, np.abs(depths), sensor.pad.height_m, keys["depth"])
     yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys, notes)
-    if still := [at for at, press in zip(where, presses, strict=True) if _stands_still(press)]:
-        notes.append(
-            f"{', '.join(still[:3])}: {len(still)} presses have one force while they are held, and "
-            "noise at rest: check whether the cell saturated or stood still."
-        )
     yield from _across(wrenches[np.isfinite(forces), :3])
     yield from _beside(where, presses, sensor, keys["place"])
 
@@ -141,8 +136,8 @@ def _unlike_forces(
     middle = float(np.median(ratios[known])) if known else 1.0
     told = {k: f"{where[k]}: {forces[k]:.4g} N at {1e3 * depths[k]:.4g} mm" for k in known}
     if not 1.0 / ODD < middle < ODD:
-        message = f"forces are {middle:.2g} times what this gel gives at their depths (median of "
-        message += f"{len(known)} presses; the first: {told[known[0]]})"
+        median = f"median of {len(known)} presses; the first: {told[known[0]]}"
+        message = f"forces are {middle:.2g} times what this gel gives at their depths ({median})"
         is_unlike = not 1.0 / UNLIKE < middle < UNLIKE
         meant = unit_meant(Dimension.FORCE, abs(middle), LIKE if is_unlike else ODD)
         remedy = f"correct {keys['force']}{meant}; if it is right, correct {keys['depth']} or "
@@ -163,22 +158,11 @@ def _unlike_forces(
 
 
 def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
-    """Return about what force a ball or flat punch has at a depth [N]; NaN where it is not known.
-
-    Of others, at the gel's height, what its whole area gives, which is more than any has.
-    """
-    is_round = isinstance(indenter, Sphere | Cylinder)
-    if indenter is None or not depth_m > 0.0 or not (is_round or depth_m >= sensor.pad.height_m):
+    """Return about what force a depth takes [N]; NaN of no ball or punch above the gel's base."""
+    least_m = 0.0 if isinstance(indenter, Sphere | Cylinder) else 0.99 * sensor.pad.height_m
+    if indenter is None or not depth_m > least_m:
         return math.nan
     return expected_force(sensor.scene(indenter, Target(depth_m=depth_m)))
-
-
-def _stands_still(press: Press) -> bool:
-    """Return whether a force that has noise at rest has none while it is held."""
-    if press.force is None or press.tare is None or press.held is None or len(press.held) < 3:
-        return False
-    rest = press.force.within(press.tare).value[:, FZ]
-    return not np.ptp(press.held[:, FZ]) and np.unique(rest).size > 2
 
 
 def _across(forces: FloatArray) -> Findings:

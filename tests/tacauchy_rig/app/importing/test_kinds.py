@@ -258,14 +258,6 @@ def one_tenfold(folder: Folder) -> None:
     folder.noted = "unlike those of other presses: presses.csv line 3"
 
 
-def saturated(folder: Folder) -> None:
-    """The cell's noise ends where it is pressed."""
-    _labelled(folder, lambda k: f"{k * 0.04:.3f}")
-    for row in folder.rows[1:]:
-        row[1] = repr(float(row[1]) + 1e-7 * folder.random.normal() * (row[5] == "rest"))
-    folder.noted = "one force while they are held"
-
-
 def other_light(folder: Folder) -> None:
     """The image at rest is of another exposure."""
     still = cv2.imread(str(folder.root / "rest.png"))
