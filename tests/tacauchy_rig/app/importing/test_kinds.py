@@ -112,7 +112,36 @@ def _scaled(column: int, factor: float, *told: str, **spec: str) -> Callable[[Fo
     return change
 
 
+def _placed(noted: str, *, down: float = 1.0, unit: float = 1.0) -> Callable[[Folder], None]:
+    """Return what writes presses of 1 N at five places into images, and what is noted of them."""
+
+    def change(folder: Folder) -> None:
+        folder.noted, head = noted, ["file", "fz", "d", "x", "y"]
+        folder.rows, folder.force_n = [head], np.ones(5)
+        columns = [f'{each} = {{ column = "{each}", unit = "mm" }}' for each in "xy"]
+        folder.spec["columns"] = "\n".join(columns)
+        places = ((-3.0, -2.0), (3.0, -1.5), (2.0, 2.5), (-2.0, 1.0), (0.5, 0.0))
+        for k, (x, y) in enumerate(places):
+            # 320 columns of 0.0634 mm are 0.7 of a whole frame.
+            at = (0.5 + x * 0.7 / 20.3, 0.375 + down * y * 0.7 / 20.3)
+            (folder.root / f"p{k}.png").write_bytes(image(folder.random, 0.4, at=at))
+            folder.rows.append([f"p{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
+
+    return change
+
+
+def _kilograms_force(folder: Folder) -> None:
+    _cells(folder, 1, lambda v: repr(v / 9.80665))
+    folder.force_n, folder.noted = folder.force_n / 9.80665, "kgf where N is stated"
+
+
 SCALED = {
+    "places as they are seen": _placed(""),
+    "places upside down": _placed("mirrored top to bottom and turned by 0 degrees", down=-1.0),
+    "centimetres for millimetres": _placed("times as far apart as the stated", unit=0.1),
+    "kilograms-force for newtons": _kilograms_force,
+    "millinewtons for newtons": _scaled(1, 1e3, "look like mN where N", "data.columns.force.unit"),
+    "grams-force for newtons": _scaled(1, 1 / 9.80665e-3, "gf where N", "data.columns.force.unit"),
     "grams, which are a mass": _scaled(
         1, 1 / 9.80665e-3, "data.columns.force.unit", "gf", force="g"
     ),
@@ -237,20 +266,6 @@ def one_negative(folder: Folder) -> None:
     folder.told = (f"line {k + 1}", "correct these presses")
 
 
-def millinewtons(folder: Folder) -> None:
-    """Millinewtons or grams where newtons are stated."""
-    unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
-    _cells(folder, 1, lambda v: repr(v * factor))
-    folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
-
-
-def kilograms_force(folder: Folder) -> None:
-    """Kilograms-force where newtons are stated."""
-    folder.force_n = folder.force_n / 9.80665
-    _cells(folder, 1, lambda v: repr(v / 9.80665))
-    folder.noted = "kgf where N is stated"
-
-
 def one_tenfold(folder: Folder) -> None:
     """One press has another force than its depth and the other presses say."""
     folder.force_n[1] *= 10.0
@@ -262,37 +277,7 @@ def other_light(folder: Folder) -> None:
     """The image at rest is of another exposure."""
     still = cv2.imread(str(folder.root / "rest.png"))
     cv2.imwrite(str(folder.root / "rest.png"), np.asarray(0.8 * still, np.uint8))
-    folder.noted = "grey levels beside the contact"
-
-
-def upside_down(folder: Folder) -> None:
-    """Images, or y, have another direction than the sensor's file says."""
-    _placed(folder, -1.0)
-    folder.noted = "lie as if images were mirrored top to bottom and turned by 0 degrees"
-
-
-def in_place(folder: Folder) -> None:
-    """Contacts lie where it is stated, and nothing is said of it."""
-    _placed(folder, 1.0)
-
-
-def centimetres(folder: Folder) -> None:
-    """Places in centimetres where millimetres are stated."""
-    _placed(folder, 1.0, unit=0.1)
-    folder.noted = "times as far apart as the stated places"
-
-
-def _placed(folder: Folder, sign: float, *, unit: float = 1.0) -> None:
-    """Write presses of 1 N at five places, of images of which a column sees 0.0634 * 2 / 3 mm."""
-    places = ((-3.0, -2.0), (3.0, -1.5), (2.0, 2.5), (-2.0, 1.0), (0.5, 0.0))
-    folder.rows, folder.force_n = [["file", "fz", "d", "x", "y"]], np.ones(len(places))
-    per_mm = 0.7 / (320 * 0.0634)  # of an image's width, a part of which is cut off
-    for k, (x, y) in enumerate(places):
-        at = (0.5 + per_mm * x, 0.375 + per_mm * sign * y)
-        (folder.root / f"p{k}.png").write_bytes(image(folder.random, 0.4, at=at))
-        folder.rows.append([f"p{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
-    shape = '{{ column = "{0}", unit = "mm" }}'
-    folder.spec["columns"] = "\n".join(f"{each} = {shape.format(each)}" for each in "xy")
+    folder.noted = "grey levels from those at rest beside contacts"
 
 
 def labelled_coarse(folder: Folder) -> None:
