@@ -140,7 +140,8 @@ class Converter:
             note = f"Contacts in {len(known)} images {lie}: check columns, units and signs of x and"
             self.notes[f"{note} y, images.turn, and whose images these are."] = None
         # A quarter of an image is beside the contact even of large indenters.
-        least = [float(np.quantile(cv2.absdiff(*pair), 0.25)) for pair in pairs.values()]
+        changes = [image_change(*pair) for pair in pairs.values()]
+        least = [np.quantile(np.abs(c - np.median(c, axis=(0, 1))), 0.25) for c in changes]
         if least and (level := np.median(least)) > CHANGED_LEVELS:
             note = f"Images pressed are {level:.0f} grey levels from those at rest beside contacts:"
             self.notes[f"{note} check that both are of one gel, camera, light and exposure."] = None

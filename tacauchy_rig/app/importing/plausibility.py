@@ -25,7 +25,7 @@ UNLIKE = 30.0
 LIKE = 8.0
 """Times or part that are left with the unit that is meant: thin gels and soft ones."""
 ODD = 3.0
-"""Times or part that is told: kgf read as N leave 0.1. The estimate is good to 1.5, gels to 2."""
+"""Times or part that is told if a unit explains it, as kgf read as N; gels are known to 2."""
 MOST = 2.0
 """Times the force expected at the gel's base: more is no press."""
 LEAST_N = 0.005
@@ -145,8 +145,8 @@ def _unlike_forces(
         if is_unlike:
             yield RecordError(message, remedy=remedy)
             return
-        notes.append(f"{message}: {remedy}.")
-    if odd := [told[k] for k in known if not middle / ODD <= ratios[k] <= middle * ODD]:
+        notes += [f"{message}: {remedy}."] * bool(meant)  # else the gel may be another
+    if odd := [told[k] for k in known if not middle / LIKE <= ratios[k] <= middle * LIKE]:
         notes.append(f"Forces and depths unlike those of other presses: {'; '.join(odd[:3])}.")
     most = np.array([_expected_n(each, sensor.pad.height_m, sensor) for each in indenters])
     too_much = np.flatnonzero(forces > MOST * most).tolist()

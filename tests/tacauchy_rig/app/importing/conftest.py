@@ -21,7 +21,7 @@ depth = { column = "depth", unit = "mm" }
 [rig.sensor]
 name = "gelsight-mini"
 [rig.replay]
-indenter = "sphere:diameter=20mm"
+indenter = "sphere:diameter=4mm"
 """
 
 

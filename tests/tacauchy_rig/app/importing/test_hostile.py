@@ -147,10 +147,7 @@ CASES: dict[str, Harm] = {
         _toml("[rig.sensor]", '[rig.sensor]\noptics_calibration = "/etc/hostname"'),
         "rig.sensor.optics_calibration",
     ),
-    "a tool elsewhere": (
-        _toml("sphere:diameter=20mm", "mesh:/etc/hostname"),
-        "rig.replay.indenter",
-    ),
+    "a tool elsewhere": (_toml("sphere:diameter=4mm", "mesh:/etc/hostname"), "rig.replay.indenter"),
     "no such sensor": (_toml("gelsight-mini", "gelsight-maxi"), "rig.sensor.name"),
     "a column that is not there": (_toml('column = "fz"', 'column = "f"'), "data.columns.force"),
     "an image above": (_rows("image,fz,depth\n../press.png,1,1\n"), "leads out of the folder"),

@@ -273,10 +273,10 @@ def one_tenfold(folder: Folder) -> None:
     folder.noted = "unlike those of other presses: presses.csv line 3"
 
 
-def other_light(folder: Folder) -> None:
-    """The image at rest is of another exposure."""
+def other_camera(folder: Folder) -> None:
+    """The image at rest is of another camera."""
     still = cv2.imread(str(folder.root / "rest.png"))
-    cv2.imwrite(str(folder.root / "rest.png"), np.asarray(0.8 * still, np.uint8))
+    cv2.imwrite(str(folder.root / "rest.png"), still[:, ::-1])
     folder.noted = "grey levels from those at rest beside contacts"
 
 
