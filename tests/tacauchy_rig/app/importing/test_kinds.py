@@ -130,7 +130,8 @@ def _placed(noted: str, *, down: float = 1.0, unit: float = 1.0) -> Callable[[Fo
     return change
 
 
-def _kilograms_force(folder: Folder) -> None:
+def kilograms_force(folder: Folder) -> None:
+    """Kilograms-force where newtons are stated."""
     _cells(folder, 1, lambda v: repr(v / 9.80665))
     folder.force_n, folder.noted = folder.force_n / 9.80665, "kgf where N is stated"
 
@@ -139,7 +140,6 @@ SCALED = {
     "places as they are seen": _placed(""),
     "places upside down": _placed("mirrored top to bottom and turned by 0 degrees", down=-1.0),
     "centimetres for millimetres": _placed("times as far apart as the stated", unit=0.1),
-    "kilograms-force for newtons": _kilograms_force,
     "millinewtons for newtons": _scaled(1, 1e3, "look like mN where N", "data.columns.force.unit"),
     "grams-force for newtons": _scaled(1, 1 / 9.80665e-3, "gf where N", "data.columns.force.unit"),
     "grams, which are a mass": _scaled(
