@@ -4,7 +4,7 @@ import io
 import math
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal
@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from reports.scores.contact_scores import contact_footprint, image_change
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.app.importing.source_files import IMAGE_PIXELS, Problems, at_most
 from tacauchy_rig.core.arrays import ImageArray
@@ -34,7 +35,12 @@ SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
 """[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
+APART_M = 1e-3
+"""RMS distance of contacts in images from their middle: less shows no direction."""
+CHANGED_LEVELS = 8.0
+"""[grey level] beside contacts: one unit's gels differ by 15, images of one gel by 1 to 2."""
 Size = tuple[int, int]
+Place = tuple[float, float]
 
 
 class Images(Section):
@@ -110,13 +116,11 @@ class Converter:
     how: Images  # the source's convention
     camera: CameraGeometry  # of the sensor
     notes: dict[str, None] = field(default_factory=dict)  # what was made of images, a sentence each
-    # Sizes that were told to have another shape, once each
-    refused: set[Size] = field(default_factory=set)
     # An image of each press and its image at rest, scaled down, by the press's name
     pairs: dict[str, tuple[ImageArray, ImageArray]] = field(default_factory=dict)
 
-    def check_colours(self, problems: Problems) -> None:
-        """Note images with channels in another order than at rest, and images of two presses."""
+    def check_pairs(self, problems: Problems, places: Mapping[str, Place | None]) -> None:
+        """Note channels in another order than at rest, images of two presses, and turned ones."""
         pairs = self.pairs
         if swapped := exchanged_channels([*pairs.values()]):
             problems.add(
@@ -131,9 +135,19 @@ class Converter:
                 f"{len(again)} of {len(pairs)} presses have the same image as an earlier one, "
                 f"{again[0]}: check that no row is there twice and the camera did not stand still."
             ] = None
+        known = [(*pairs[name], place) for name, place in places.items() if place and name in pairs]
+        if lie := how_contacts_lie(known, self.camera):
+            note = f"Contacts in {len(known)} images {lie}: check columns, units and signs of x and"
+            self.notes[f"{note} y, images.turn, and whose images these are."] = None
+        # A quarter of an image is beside the contact even of large indenters.
+        changes = [image_change(*pair) for pair in pairs.values()]
+        least = [np.quantile(np.abs(c - np.median(c, axis=(0, 1))), 0.25) for c in changes]
+        if least and (level := np.median(least)) > CHANGED_LEVELS:
+            note = f"Images pressed are {level:.0f} grey levels from those at rest beside contacts:"
+            self.notes[f"{note} check that both are of one gel, camera, light and exposure."] = None
 
     def compare(self, press: str, data: bytes, rest: bytes) -> None:
-        """Keep an image of a press and its image at rest for ``check_colours``."""
+        """Keep an image of a press and its image at rest for ``check_pairs``."""
         image, still = _reduced(data), _reduced(rest)
         if image is not None and still is not None:
             self.pairs[press] = image, still
@@ -219,17 +233,15 @@ class Converter:
                 remedy="take both with one camera mode, and turn none of them",
             )
         want, is_now = self.camera.width / self.camera.height, size[0] / size[1]
-        if size in self.refused or abs(is_now / want - 1.0) <= ASPECT:
+        if abs(is_now / want - 1.0) <= ASPECT:
             return
-        self.refused.add(size)
         why, remedy = "", "cut images to the sensor's aspect ratio, or name another sensor: "
         remedy += "squeezed they would not be to scale"
         if abs(want * is_now - 1.0) <= ASPECT:
             why = ": it is turned by a quarter"
             remedy = "state images.turn = 90 or 270 if all are turned, or turn the image"
         raise RecordError(
-            f"{told}, as others may be, an aspect ratio of {is_now:.3f}; the sensor's is "
-            f"{want:.3f}{why}",
+            f"{told}, an aspect ratio of {is_now:.3f}; the sensor's is {want:.3f}{why}",
             remedy=remedy,
         )
 
@@ -261,3 +273,34 @@ def exchanged_channels(
     swapped = float(np.median([_apart(image[..., ::-1], rest) for image, rest in pairs]))
     is_likelier = swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS
     return (as_stated, swapped) if is_likelier else None
+
+
+def how_contacts_lie(
+    presses: Sequence[tuple[ImageArray, ImageArray, Place]], camera: CameraGeometry
+) -> str:
+    """Return how contacts lie otherwise than where was pressed [m]; empty where that is not so.
+
+    Few presses, or at one place, cannot tell. As complex numbers places seen are ``a`` times those
+    stated, or ``a`` times their conjugates where images, frames scaled down, are mirrored.
+    """
+    size, both = np.array((camera.width, camera.height)) / (1.0 - 2.0 * camera.crop_fraction), []
+    for image, rest, place in presses:
+        if (shown := contact_footprint(image_change(image, rest))) is not None:
+            seen = np.argwhere(shown)[:, ::-1].mean(axis=0) / shown.shape[::-1] * size
+            both.append((seen, camera.to_pixels(np.array(place))))
+    if len(both) < 4:
+        return ""
+    seen, stated = ((np.array(both) - np.mean(both, axis=0)) @ (1.0, 1.0j)).T
+    far, stated_far = float(np.linalg.norm(seen)), float(np.linalg.norm(stated))
+    if not stated_far or far * camera.mean_scale_m < APART_M * len(both) ** 0.5:
+        return ""
+    turned, mirrored = np.vdot(stated, seen), np.vdot(stated.conj(), seen)
+    is_mirrored = bool(abs(mirrored) > 1.2 * abs(turned))
+    fitting = mirrored if is_mirrored else turned
+    degrees, times = round(math.degrees(np.angle(fitting))), far / stated_far
+    if abs(fitting) < 0.5 * far * stated_far:
+        return "do not lie where the source says it pressed"
+    if is_mirrored or abs(degrees) > 60:
+        told = "mirrored top to bottom and " * is_mirrored
+        return f"lie as if images were {told}turned by {degrees} degrees against the stated places"
+    return f"lie {times:.2g} times as far apart as the stated places" if times > 3.0 else ""

@@ -73,7 +73,7 @@ def write_presses(
                     image=press.frames[-1].name if press.frames else "",
                 )
             )
-        converter.check_colours(source.problems)
+        converter.check_pairs(source.problems, {p.name: p.place_m for p in recorded.presses})
         source.problems.refuse()
         store.imported.save(
             run.Imported(
@@ -354,9 +354,10 @@ def import_run(path: Path, *, parent: Path, overrides: Sequence[str] = ()) -> Ru
     odd = check_presses(
         recorded.presses,
         _indenters(recorded, rig.config, problems),
-        replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
+        sensor.stiffer(young_pa / sensor.material.young_pa),
         KEYS | _KEYS.get(spec.kind, {}),
         sign=rig.config.force_sensor.compression_sign,
+        notes=source.notes,
     )
     for error in (*odd, *check_counts(recorded.presses)):
         problems.note(error)

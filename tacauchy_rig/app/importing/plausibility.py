@@ -1,7 +1,7 @@
 """Is what was recorded possible on this gel? Signs, units, axis and place, before any simulation.
 
-Forces are compared with Hertz's on a half-space at the stated depth: the base below a thin gel
-makes it several times stiffer, a wrong unit a hundred or a thousand times.
+Forces are compared with a bonded layer's at the stated depth: beyond what any gel gives they are
+refused, beyond what the sensor's file and its estimate leave open the run says so.
 """
 
 import math
@@ -9,7 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from sim.effects.depth_and_inertia_scales import expected_force
 from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.scene import Target
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.press_detection import Press
 from tacauchy_rig.app.importing.source_files import shown
@@ -19,16 +21,20 @@ from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.run import FZ
 
 UNLIKE = 30.0
-"""Times Hertz's force, or a part of it: no gel, base or poor contact does that."""
+"""Times the force expected, or a part of it: no gel, base or poor contact does that."""
 LIKE = 8.0
 """Times or part that are left with the unit that is meant: thin gels and soft ones."""
+ODD = 3.0
+"""Times or part that is told if a unit explains it, as kgf read as N; gels are known to 2."""
+MOST = 2.0
+"""Times the force expected at the gel's base: more is no press."""
 LEAST_N = 0.005
 """A force whose sign means something; less is noise about zero."""
 LEAST_DEPTH_M = 1e-6
 BESIDE_M = 2e-3
 """That a place may be beside the gel's edge."""
 _CONFUSED = {
-    Dimension.FORCE: (("N", "mN", "gf"), ("N", "mN")),
+    Dimension.FORCE: (("N", "mN", "gf", "kgf", "lbf"), ("N", "mN")),
     Dimension.LENGTH: (("m", "mm", "um"), ("m", "mm", "um")),
     Dimension.PRESSURE: (("Pa", "kPa", "MPa"), ("Pa", "kPa", "MPa")),
 }
@@ -48,6 +54,7 @@ def check_presses(
     keys: Mapping[str, str],
     *,
     sign: int,
+    notes: list[str],
 ) -> Findings:
     """Yield what no press of this gel has: conventions that are wrong throughout by their key.
 
@@ -56,6 +63,7 @@ def check_presses(
         keys: What declares conventions, for messages: of ``force`` and ``depth`` their unit, of
             ``force_sign`` and ``depth_sign`` what turns them, of ``place`` its columns.
         sign: Of forces in compression.
+        notes: Takes what is possible and yet unlikely, a sentence each.
     """
     where = [press.where or press.name for press in presses]
     nothing = np.full((1, 6), np.nan)
@@ -68,7 +76,7 @@ def check_presses(
     told = [f"{at}: depth {1e3 * each:.4g} mm" for at, each in zip(where, depths, strict=True)]
     found += _negative("depths", told, depths, LEAST_DEPTH_M, keys["depth_sign"])
     found += _unlike_depths(told, np.abs(depths), sensor.pad.height_m, keys["depth"])
-    yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys["force"])
+    yield from found or _unlike_forces(where, indenters, forces, depths, sensor, keys, notes)
     yield from _across(wrenches[np.isfinite(forces), :3])
     yield from _beside(where, presses, sensor, keys["place"])
 
@@ -118,53 +126,43 @@ def _unlike_forces(
     forces: FloatArray,
     depths: FloatArray,
     sensor: Sensor,
-    key: str,
+    keys: Mapping[str, str],
+    notes: list[str],
 ) -> Findings:
     """Yield forces that no depth explains: by their own depth, or at most by the gel's height."""
     pairs = zip(indenters, depths.tolist(), strict=True)
-    at_depth = np.array([_hertz_n(indenter, depth_m, sensor) for indenter, depth_m in pairs])
-    ratios = forces / np.where(at_depth > 0.0, at_depth, np.nan)
-    known = np.flatnonzero(np.isfinite(ratios))
-    middle = float(np.median(ratios[known])) if len(known) else 1.0
-    if not 1.0 / UNLIKE < middle < UNLIKE:
-        k = int(known[0])
-        yield RecordError(
-            f"forces are {middle:.3g} times what this gel gives at their depths (median of "
-            f"{len(known)} presses; the first: {where[k]}: {forces[k]:.4g} N at "
-            f"{1e3 * depths[k]:.4g} mm)",
-            remedy=f"correct {key}{unit_meant(Dimension.FORCE, abs(middle))}; if it is right, "
-            "state the gel's modulus as rig.replay.young",
-        )
-        return
-    most = np.array([_hertz_n(each, sensor.pad.height_m, sensor) for each in indenters])
-    too_much = np.flatnonzero(forces > LIKE * most)
-    told = [
-        f"{where[k]}: force {forces[k]:.4g} N; the gel pressed to its base gives about "
-        f"{most[k]:.3g} N"
-        for k in too_much.tolist()
-    ]
-    if told:
+    ratios = forces / np.array([_expected_n(indenter, depth, sensor) for indenter, depth in pairs])
+    known = np.flatnonzero(np.isfinite(ratios)).tolist()
+    middle = float(np.median(ratios[known])) if known else 1.0
+    told = {k: f"{where[k]}: {forces[k]:.4g} N at {1e3 * depths[k]:.4g} mm" for k in known}
+    if not 1.0 / ODD < middle < ODD:
+        median = f"median of {len(known)} presses; the first: {told[known[0]]}"
+        message = f"forces are {middle:.2g} times what this gel gives at their depths ({median})"
+        is_unlike = not 1.0 / UNLIKE < middle < UNLIKE
+        meant = unit_meant(Dimension.FORCE, abs(middle), LIKE if is_unlike else ODD)
+        remedy = f"correct {keys['force']}{meant}; if it is right, correct {keys['depth']} or "
+        remedy += "state the gel's modulus as rig.replay.young"
+        if is_unlike:
+            yield RecordError(message, remedy=remedy)
+            return
+        notes += [f"{message}: {remedy}."] * bool(meant)  # else the gel may be another
+    if odd := [told[k] for k in known if not middle / LIKE <= ratios[k] <= middle * LIKE]:
+        notes.append(f"Forces and depths unlike those of other presses: {'; '.join(odd[:3])}.")
+    most = np.array([_expected_n(each, sensor.pad.height_m, sensor) for each in indenters])
+    too_much = np.flatnonzero(forces > MOST * most).tolist()
+    beyond = "{}: force {:.4g} N; the gel pressed to its base gives about {:.3g} N"
+    if lines := [beyond.format(where[k], forces[k], most[k]) for k in too_much]:
         times = 4.0 * float(np.median(forces[too_much] / most[too_much]))
-        remedy = f"correct {key}{unit_meant(Dimension.FORCE, times)}"
-        yield RecordError(shown(told), remedy=remedy)
+        remedy = f"correct {keys['force']}{unit_meant(Dimension.FORCE, times)}"
+        yield RecordError(shown(lines), remedy=remedy)
 
 
-def _hertz_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
-    """Return the force of an indenter on a half-space of the gel's material [N].
-
-    A ball's by Hertz, a flat punch's by Sneddon; of others the gel's whole area at that strain,
-    which is more than any gives.
-    """
-    material, pad = sensor.material, sensor.pad
-    modulus_pa = material.young_pa / (1.0 - material.poisson**2)
-    if isinstance(indenter, Sphere):
-        root = math.sqrt(indenter.diameter_m / 2.0 * abs(depth_m) ** 3)
-        return 4.0 / 3.0 * modulus_pa * root
-    if isinstance(indenter, Cylinder):
-        return modulus_pa * indenter.diameter_m * abs(depth_m)
-    if not depth_m >= pad.height_m:  # or it is not known
+def _expected_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
+    """Return about what force a depth takes [N]; NaN of no ball or punch above the gel's base."""
+    least_m = 0.0 if isinstance(indenter, Sphere | Cylinder) else 0.99 * sensor.pad.height_m
+    if indenter is None or not depth_m > least_m:
         return math.nan
-    return modulus_pa * 4.0 * math.prod(pad.half_extents()) / LIKE
+    return expected_force(sensor.scene(indenter, Target(depth_m=depth_m)))
 
 
 def _across(forces: FloatArray) -> Findings:

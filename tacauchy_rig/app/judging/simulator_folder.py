@@ -270,8 +270,6 @@ def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Desc
         )
 
 
-UNITS_APART = 10.0**1.5
-"""Half way from a unit to the next."""
 _LIKELY = (1.0 / UNLIKE, UNLIKE)
 _CONVENTIONS = {
     "force": ("N", "forces are positive in compression", _LIKELY),
@@ -310,7 +308,7 @@ def odd_conventions(presses: Mapping[int, PressOutput], asked: Asked) -> Iterato
             yield RecordError(
                 f"{what} is {times:.3g} times what was measured (median of {len(ratios)} presses)",
                 remedy=f"correct units.{what} of {DESCRIPTION}"
-                f"{unit_meant(DIMENSIONS[what], times, UNITS_APART)}",
+                f"{unit_meant(DIMENSIONS[what], times, UNLIKE)}",
             )
 
 

@@ -43,8 +43,11 @@ def test_a_run_of_ours_comes_back(ours: RunStore, tmp_path: Path) -> None:
 
 
 def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
-    """Without columns of time and place neither is made up; the run says so."""
+    """Neither time nor place is made up; the run says so, and keeps images to the byte."""
     store = import_run(small, parent=tmp_path)
+    frames = list(Recording.open(store.paths.recording(1, 1)).frames())
+    stored = [(small / name).read_bytes() for name in ("rest.png", "press.png")]
+    assert [frame.jpeg for frame in frames] == stored
     imported = store.imported.load()
     assert imported is not None
     assert (imported.has_clock, imported.trials[0].place_m) == (False, None)
@@ -54,14 +57,6 @@ def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
     assert record.tare_before is None
     assert store.config.run.sync_mode == "unknown"
     assert (store.config.is_imported, store.simulated) == (True, False)
-
-
-def test_images_are_kept_to_the_byte(small: Path, tmp_path: Path) -> None:
-    """A PNG goes into the recording as it is, and comes out so."""
-    store = import_run(small, parent=tmp_path)
-    frames = list(Recording.open(store.paths.recording(1, 1)).frames())
-    stored = [(small / name).read_bytes() for name in ("rest.png", "press.png")]
-    assert [frame.jpeg for frame in frames] == stored
 
 
 def test_an_imported_run_is_marked_and_not_passed(small: Path, tmp_path: Path) -> None:
@@ -111,18 +106,14 @@ def test_records_become_presses(source: Path, tmp_path: Path) -> None:
 
 
 def test_a_structured_array_is_a_record(source: Path, tmp_path: Path) -> None:
-    """An array with named fields needs no archive."""
+    """An array with named fields needs no archive; a pickle beside its archive is not touched."""
+    np.save(source / "feats/1_sphere_10.npy", np.array(record(), dtype=object), allow_pickle=True)
     values = {key: np.asarray(value) for key, value in record(fz=3.0).items()}
     kind = [(key, value.dtype, value.shape) for key, value in values.items()]
     np.save(source / "feats/4_sphere_10.npy", np.array([tuple(values.values())], dtype=kind))
     store = import_run(source, parent=tmp_path)
-    assert counting(store)[2].force_measured_n == pytest.approx(3.0)
-
-
-def test_what_was_unpickled_elsewhere_takes_the_pickles_place(source: Path, tmp_path: Path) -> None:
-    """The pickle that lies beside it is not touched."""
-    np.save(source / "feats/1_sphere_10.npy", np.array(record(), dtype=object), allow_pickle=True)
-    assert len(counting(import_run(source, parent=tmp_path))) == 2
+    forces = [each.force_measured_n for each in counting(store)]
+    assert forces == pytest.approx([2.5, 4.0, 3.0])
 
 
 GF = 9.80665e-3

@@ -88,10 +88,11 @@ def image(
     *,
     kind: str = ".png",
     size: tuple[int, int] = SIZE,
+    at: tuple[float, float] = (0.5, 0.375),
 ) -> bytes:
-    """Return an image with a gradient of light, noise, and something pressed in its middle."""
+    """Return an image with a gradient of light, noise, and something pressed [widths]."""
     y, x = np.mgrid[0 : size[1], 0 : size[0]] / max(size)
-    inside = np.hypot(x - 0.5, y - 0.5 * size[1] / size[0]) < 0.1 * depth_mm**0.5
+    inside = np.hypot(x - at[0], y - at[1]) < 0.1 * depth_mm**0.5
     level = 80.0 + 60.0 * x + 30.0 * y + 40.0 * inside + random.normal(0.0, 2.0, x.shape)
     colour = np.clip(np.stack([level, 0.8 * level, 0.6 * level], axis=-1), 0, 255)
     return bytes(cv2.imencode(kind, colour.astype(np.uint8))[1])
@@ -111,7 +112,36 @@ def _scaled(column: int, factor: float, *told: str, **spec: str) -> Callable[[Fo
     return change
 
 
+def _placed(noted: str, *, down: float = 1.0, unit: float = 1.0) -> Callable[[Folder], None]:
+    """Return what writes presses of 1 N at five places into images, and what is noted of them."""
+
+    def change(folder: Folder) -> None:
+        folder.noted, head = noted, ["file", "fz", "d", "x", "y"]
+        folder.rows, folder.force_n = [head], np.ones(5)
+        columns = [f'{each} = {{ column = "{each}", unit = "mm" }}' for each in "xy"]
+        folder.spec["columns"] = "\n".join(columns)
+        places = ((-3.0, -2.0), (3.0, -1.5), (2.0, 2.5), (-2.0, 1.0), (0.5, 0.0))
+        for k, (x, y) in enumerate(places):
+            # 320 columns of 0.0634 mm are 0.7 of a whole frame.
+            at = (0.5 + x * 0.7 / 20.3, 0.375 + down * y * 0.7 / 20.3)
+            (folder.root / f"p{k}.png").write_bytes(image(folder.random, 0.4, at=at))
+            folder.rows.append([f"p{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
+
+    return change
+
+
+def kilograms_force(folder: Folder) -> None:
+    """Kilograms-force where newtons are stated."""
+    _cells(folder, 1, lambda v: repr(v / 9.80665))
+    folder.force_n, folder.noted = folder.force_n / 9.80665, "kgf where N is stated"
+
+
 SCALED = {
+    "places as they are seen": _placed(""),
+    "places upside down": _placed("mirrored top to bottom and turned by 0 degrees", down=-1.0),
+    "centimetres for millimetres": _placed("times as far apart as the stated", unit=0.1),
+    "millinewtons for newtons": _scaled(1, 1e3, "look like mN where N", "data.columns.force.unit"),
+    "grams-force for newtons": _scaled(1, 1 / 9.80665e-3, "gf where N", "data.columns.force.unit"),
     "grams, which are a mass": _scaled(
         1, 1 / 9.80665e-3, "data.columns.force.unit", "gf", force="g"
     ),
@@ -236,11 +266,18 @@ def one_negative(folder: Folder) -> None:
     folder.told = (f"line {k + 1}", "correct these presses")
 
 
-def millinewtons(folder: Folder) -> None:
-    """Millinewtons or grams where newtons are stated."""
-    unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
-    _cells(folder, 1, lambda v: repr(v * factor))
-    folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
+def one_tenfold(folder: Folder) -> None:
+    """One press has another force than its depth and the other presses say."""
+    folder.force_n[1] *= 10.0
+    folder.rows[2][1] = repr(float(folder.force_n[1]))
+    folder.noted = "unlike those of other presses: presses.csv line 3"
+
+
+def other_camera(folder: Folder) -> None:
+    """The image at rest is of another camera."""
+    still = cv2.imread(str(folder.root / "rest.png"))
+    cv2.imwrite(str(folder.root / "rest.png"), still[:, ::-1])
+    folder.noted = "grey levels from those at rest beside contacts"
 
 
 def labelled_coarse(folder: Folder) -> None:
@@ -352,6 +389,8 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
     assert list(check_run(store).missed()) == []
     imported, forces = store.imported.load(), [each.force_measured_n for each in counting(store)]
     assert folder.noted in " ".join([*imported.unknown, *imported.notes])
+    assert folder.noted or not [note for note in imported.notes if "check" in note]
+    assert folder.noted or not [note for note in imported.notes if "correct" in note]
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)
 
 

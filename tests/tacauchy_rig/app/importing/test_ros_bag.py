@@ -168,7 +168,10 @@ LOSS = 5.0  # grey levels that the codec takes; the presses are 20 apart
 @pytest.mark.parametrize("kind", ["image", "video"])
 def test_episodes_become_presses(kind: str, tmp_path: Path) -> None:
     """Each with its force, its depth, and images of its own time in files of many episodes."""
-    store = import_run(make_lerobot(tmp_path / "source", kind=kind), parent=tmp_path)
+    source = make_lerobot(tmp_path / "source", kind=kind)
+    (last,) = counting(import_run(source, parent=tmp_path, overrides=["data.episodes=[1]"]))
+    assert last.force_measured_n == pytest.approx(3.0)
+    store = import_run(source, parent=tmp_path / "all")
     assert check_run(store).passed, list(check_run(store).missed())
     trials = counting(store)
     assert [each.force_measured_n for each in trials] == pytest.approx([2.0, 3.0])
@@ -182,13 +185,6 @@ def test_episodes_become_presses(kind: str, tmp_path: Path) -> None:
         assert len(levels) == 50
         assert levels == pytest.approx([90 + 20 * newton] * len(levels), abs=LOSS)
     assert store.imported_trials[2].name.startswith("episode 1, press 1")
-
-
-def test_episodes_are_taken_by_number(tmp_path: Path) -> None:
-    """One of them alone."""
-    source = make_lerobot(tmp_path / "source")
-    store = import_run(source, parent=tmp_path, overrides=["data.episodes=[1]"])
-    assert [each.force_measured_n for each in counting(store)] == pytest.approx([3.0])
 
 
 def test_without_its_extra_it_says_what_to_install(
