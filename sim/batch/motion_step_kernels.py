@@ -97,8 +97,9 @@ def start_descent(d: Descent, memory: Memory, b: wp.int32, lags: wp.bool):
     d.checked[b] = 1
     d.steps[b] = 0
     d.since[b] = 0
-    d.fraction[b] = wp.float64(1.0)
+    d.first_try[b] = wp.float64(1.0)
     d.recorded[b] = 0
+    d.damping[b] = 1
     d.gripped_at[b] = wp.float64(1e300)
     d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
 

@@ -33,10 +33,6 @@ from sim.solve.line_search_and_convergence import (
     finds_no_descent,
 )
 
-# With an inverse that is never made anew many steps in turn are too long in the same way: each is
-# tried with so many times what the last one was cut to, and no less than a share.
-_LONGER, _SHORT = wp.constant(wp.float64(1.5)), wp.constant(wp.float64(0.25))
-
 
 @wp.func
 def with_gradient(
@@ -250,7 +246,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         if act == Act.SOLVE:
             fraction = wp.float64(1.0)
             if limits.keeps and d.pushed[b] == 0:
-                fraction = wp.clamp(_LONGER * d.fraction[b], _SHORT, fraction)
+                fraction = d.first_try[b]
             count = memory.counts[b]
             scale = units[b]
             if scaled:
@@ -301,7 +297,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             if limits.keeps and d.status[b] == Status.ASKS_FACTOR:
                 memory.counts[b] = 0
                 memory.next[b] = 0
-                d.fraction[b] = wp.float64(1.0)
+                d.first_try[b] = wp.float64(1.0)
                 d.since[b] = 0
                 d.mode[b] = Mode.GO
                 d.status[b] = Status.RUNNING

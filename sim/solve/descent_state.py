@@ -45,8 +45,6 @@ class Limits:
     tip_step: wp.float64  # longest step of an indenter that is pushed [m]
     energy_scale: wp.float64  # E times the volume [J]
     lags: wp.bool  # points hold on with a lagged pressure
-    # after so many steps half of its change is taken over, after twice as many a third, and so on
-    shares_after: wp.int32
     holds_until: wp.int32  # after so many steps it may be left as it is
     # there is no other factor: one that asks for it forgets what it learnt, and goes on
     keeps: wp.bool
@@ -66,6 +64,7 @@ class Descent:
     wanted: wp.array(dtype=wp.int32)  # 1 where the forces are to be evaluated
     # n where points are held anew, with 1/n of what their pressure changes by
     holding: wp.array(dtype=wp.int32)
+    damping: wp.array(dtype=wp.int32)  # this n with an inverse that is never made anew
     takes: wp.array(dtype=wp.int32)
     # 1 where the step that was accepted is remembered; ``takes`` where any is accepted
     learns: wp.array(dtype=wp.int32)
@@ -95,6 +94,7 @@ class Descent:
     slope: wp.array(dtype=wp.float64)  # gradient . direction where the step began [J].
     length: wp.array(dtype=wp.float64)  # of the direction, squared [m^2]
     fraction: wp.array(dtype=wp.float64)  # of the direction that is tried
+    first_try: wp.array(dtype=wp.float64)  # the one with which the next step begins
     residual: wp.array(dtype=wp.float64)  # norm of the gradient [N]
     vertical: wp.array(dtype=wp.float64)  # the gradient's sum along z [N]
     scale: wp.array(dtype=wp.float64)  # contact force [N]

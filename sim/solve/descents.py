@@ -30,10 +30,7 @@ from tacauchy_rig.core.arrays import FloatArray
 _TIP_STEP_SHARE = 0.025
 # Of a block on a GPU, which has an environment: those that run longest are few, and wait for these.
 _THREADS = 1024
-# Steps after which lagged pressure that goes up and down in turn is damped; and with an inverse
-# that is never made anew, which leaves more of the residual in each.
-_SHARES_AFTER, _SHARES_AFTER_KEPT = 100, 8
-# Steps after which it may be left as it is, where the inverse can be made anew.
+# Steps after which lagged pressure may be left as it is, where the inverse can be made anew.
 _HOLDS_UNTIL = 50
 # Steps that are never taken, for patience that does not end.
 _NEVER = 2**30
@@ -143,7 +140,6 @@ class Descents:
             tip_step=_TIP_STEP_SHARE * model.height_m,
             energy_scale=model.energy_scale_j,
             lags=friction > 0.0,
-            shares_after=_SHARES_AFTER_KEPT if keeps else _SHARES_AFTER,
             holds_until=_NEVER if keeps else _HOLDS_UNTIL,
             keeps=keeps,
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),

@@ -32,6 +32,10 @@ _ARMIJO = wp.constant(wp.float64(1e-4))
 _HALF = wp.constant(wp.float64(0.5))
 _SHORTEST = wp.constant(wp.float64(0.1))
 _TRIES = wp.constant(40)
+# With an inverse that is never made anew many steps in turn are too long in the same way: each is
+# first tried with the share of its direction that would have been best in the last one by the
+# slopes at its ends, but at most so many times what was taken there, and not below the shortest.
+_LONGER = wp.constant(wp.float64(1.5))
 # At a standstill, a step of so many tries, those cut by overlap among them, ends where the force
 # jumps: a point in a corner of a body has two nearest sides, and rests between them.
 _TRIES_AT_JUMP = wp.constant(8)
@@ -40,10 +44,13 @@ CUT = wp.constant(wp.float64(0.9))
 # Rounding of a sum of energies, in units in the last place of the sum and of E times the volume.
 _ROUNDING_OF_SUM = wp.constant(wp.float64(4500.0 * KERNEL_EPSILON))
 _ROUNDING_OF_SCALE = wp.constant(wp.float64(4.5 * KERNEL_EPSILON))
-# Lagged pressure is taken over where the residual is below this share of the contact force, and of
-# the residual when it was taken over last.
+# Lagged pressure is taken over where the residual is below this share of the contact force, and, if
+# the inverse can be made anew, of the residual when it was taken over last.
 _GRIP_FROM = wp.constant(wp.float64(0.1))
 _GRIP_AGAIN = wp.constant(wp.float64(0.9))
+# After so many steps half of its change is taken over, after twice as many a third, and so on. With
+# an inverse that is never made anew ``damping`` follows what the change does.
+_HALF_AFTER = wp.constant(100)
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
@@ -161,15 +168,22 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, grip: wp.float64):
     residual = d.residual[b]
     if limits.lags:
         if d.mode[b] == Mode.HELD:
+            if limits.keeps:
+                n, before = d.damping[b], d.grip_change[b]
+                if grip > before:  # it goes up and down in turn
+                    d.damping[b] = n + 1
+                elif grip < (wp.float64(1.0) - _HALF / wp.float64(n)) * before:
+                    d.damping[b] = wp.max(n - 1, 1)
+            else:
+                d.gripped_at[b] = residual
             d.grip_change[b] = grip
-            d.gripped_at[b] = residual
         else:
             due = wp.min(_GRIP_FROM * d.scale[b], _GRIP_AGAIN * d.gripped_at[b])
             if d.mode[b] == Mode.BEGIN:
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)) and not _is_held_for_good(d, b, limits):
                 d.mode[b] = Mode.HELD
-                d.holding[b] = 1 + d.recorded[b] / limits.shares_after
+                d.holding[b] = wp.where(limits.keeps, d.damping[b], 1 + d.recorded[b] / _HALF_AFTER)
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1
@@ -207,6 +221,8 @@ def _line_search(
         falls = in_noise or change <= _ARMIJO * fraction * slope
         if falls and ahead <= left * size:
             d.takes[b] = 1
+            best = fraction * size / wp.max(size + ahead, size / _LONGER)
+            d.first_try[b] = wp.clamp(best, _SHORTEST, wp.float64(1.0))
             curvature = ahead - slope
             least = _CURVATURE_MIN * wp.sqrt(d.length[b]) * wp.sqrt(sums[Sum.CHANGE])
             if curvature > least and memory.table.shape[1] > 0:
