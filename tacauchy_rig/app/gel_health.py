@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from reports.evidence.frames_and_curves import AttemptReading, RunReading
+from sim.optics.calibrate.cross_validation import detail
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
@@ -31,19 +32,15 @@ PLACE_CHANGE_PX = 1.5
 PATTERN_CHANGE, _CLEAR = 0.7, 0.15
 """Part of the gel's pattern (dust, texture, dots) that is another now; what shows it has to be this
 clear between unloaded and pressed images of one run."""
-ZERO_CHANGE_N = 1.0
-"""Of the force cell's zero; remounting a tool changes it by less."""
-LIGHT_DOUBT = 0.01
-"""Standard uncertainty of the brightness: warming up and the room."""
+ZERO_CHANGE_N = 1.0  # of the force cell's zero; remounting a tool changes it by less
+LIGHT_DOUBT = 0.01  # standard uncertainty of the brightness: warming up and the room
 COVERAGE = 2.0
 """A change counts beyond its limit, and beyond this many of its standard uncertainties."""
-_FIRST_SHARE = 0.3
-"""Of the common force: below it the height of first contact decides."""
+_FIRST_SHARE = 0.3  # of the common force: below it the height of first contact decides
 _LEVELS = 12
 _BLOCK_PX = 4
-_DETAIL_PX, _STILL_LEVELS = (1.0, 4.0), 1.5
-FORCE_DOUBT = 0.01
-"""Of the common force, at each level: noise, and creep at another pace."""
+_STILL_PX, _STILL_LEVELS = 4.0, 1.5
+FORCE_DOUBT = 0.01  # of the common force, at each level: noise, and creep at another pace
 
 
 class Advice(StrEnum):
@@ -191,9 +188,8 @@ def compare_presses(
     }
     first = next((each for each in reasons if each.counts), None)
     reason = "nothing changed beyond its limit" if first is None else reasons[first]
-    advice = Advice.KEEP if first is None else Advice.RECALIBRATE
-    if first in (modulus, image):
-        advice = Advice.REPLACE
+    worn = first in (modulus, image)
+    advice = Advice.REPLACE if worn else Advice.RECALIBRATE if first else Advice.KEEP
     changes = (modulus, light, image, zero, place, pattern)
     return GelState(advice=advice, reason=reason, changes=changes)
 
@@ -236,12 +232,10 @@ def _shift(before: FloatArray, now: FloatArray) -> tuple[tuple[float, float], fl
 def _pattern_change(before: PressMeasures, now: PressMeasures) -> float:
     """Return which part of the gel's pattern around the contacts is another; 0 if none is clear."""
     dents = [np.abs(each.pressed - each.unloaded).max(axis=-1) for each in (before, now)]
-    still = cv2.GaussianBlur(np.max(dents, axis=0), (0, 0), _DETAIL_PX[1]) < _STILL_LEVELS
-    around = cv2.GaussianBlur(still.astype(np.float64), (0, 0), _DETAIL_PX[1])
-    was, shown, pressed = (
-        around * np.subtract(*(cv2.GaussianBlur(each.mean(axis=-1), (0, 0), s) for s in _DETAIL_PX))
-        for each in (before.unloaded, now.unloaded, now.pressed)
-    )
+    still = cv2.GaussianBlur(np.max(dents, axis=0), (0, 0), _STILL_PX) < _STILL_LEVELS
+    around = cv2.GaussianBlur(still.astype(np.float64), (0, 0), _STILL_PX)
+    images = (before.unloaded, now.unloaded, now.pressed)
+    was, shown, pressed = (around * detail(each) for each in images)
     clear = _shift(shown, pressed)[1]
     return max(0.0, 1.0 - _shift(was, shown)[1] / clear) if clear > _CLEAR else 0.0
 

@@ -410,8 +410,7 @@ def predict_left_out(fit: GelFit) -> Iterator[LeftOutForce]:
 
 
 _FALSE_ALARM = 1e-3
-_SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6
-"""Of silicone gels: outside, forces are not in newtons."""
+_SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6  # of silicone gels: outside, forces are not in newtons
 _SURPRISING, _ODD, _ALIKE = 3.0, 4.0, 0.9
 
 
@@ -471,12 +470,10 @@ CANDIDATES = (
     "cylinder:diameter=5mm,fillet=0.5mm",
     "cylinder:diameter=8mm,fillet=0.5mm",
 )
-_DEPTH_SHARES = (0.05, 0.1, 0.15, 0.2)
-"""Of the gel's height: to what candidates may be pressed."""
+_DEPTH_SHARES = (0.05, 0.1, 0.15, 0.2)  # of the gel's height: to what candidates may be pressed
 _OWN, _EACH = 0.015, 0.01
 """Relative doubt of a candidate's forces: of all together (sizes, mounting, mesh), and of each."""
-_STEPS = (-0.01, 0.1)
-"""Of Poisson's ratio and friction, for what they change of a candidate."""
+_STEPS = (-0.01, 0.1)  # of Poisson's ratio and friction, for what they change of a candidate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
