@@ -1,7 +1,6 @@
 """Compare a press with an earlier one of the same tool: keep, recalibrate or replace the gel.
 
-A gel that hardens or tears changes its force at a depth. Light that fades and a gel that wears
-change the image. No simulator is involved.
+No simulator is involved.
 """
 
 import math
@@ -29,9 +28,7 @@ IMAGE_CHANGE = 0.25
 """Part of the earlier press's image change that differs now, at equal force, light and place."""
 PLACE_CHANGE_PX = 1.5
 """Of the contact in the image: more than an arm's repeatability, less than scales bear."""
-PATTERN_CHANGE, _CLEAR = 0.7, 0.15
-"""Part of the gel's pattern (dust, texture, dots) that is another now; what shows it has to be this
-clear between unloaded and pressed images of one run."""
+PATTERN_CHANGE = 0.7  # part of the gel's pattern (dust, texture, dots) that is another now
 ZERO_CHANGE_N = 1.0  # of the force cell's zero; remounting a tool changes it by less
 LIGHT_DOUBT = 0.01  # standard uncertainty of the brightness: warming up and the room
 COVERAGE = 2.0
@@ -39,7 +36,8 @@ COVERAGE = 2.0
 _FIRST_SHARE = 0.3  # of the common force: below it the height of first contact decides
 _LEVELS = 12
 _BLOCK_PX = 4
-_STILL_PX, _STILL_LEVELS = 4.0, 1.5
+# Of a pattern: how clear it is within one run at least, and of the gel around contacts
+_CLEAR, _STILL_PX, _STILL_LEVELS = 0.15, 4.0, 1.5
 FORCE_DOUBT = 0.01  # of the common force, at each level: noise, and creep at another pace
 
 
@@ -188,8 +186,8 @@ def compare_presses(
     }
     first = next((each for each in reasons if each.counts), None)
     reason = "nothing changed beyond its limit" if first is None else reasons[first]
-    worn = first in (modulus, image)
-    advice = Advice.REPLACE if worn else Advice.RECALIBRATE if first else Advice.KEEP
+    advice = Advice.RECALIBRATE if first else Advice.KEEP
+    advice = Advice.REPLACE if first in (modulus, image) else advice
     changes = (modulus, light, image, zero, place, pattern)
     return GelState(advice=advice, reason=reason, changes=changes)
 

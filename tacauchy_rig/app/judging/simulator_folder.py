@@ -270,8 +270,7 @@ def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Desc
         )
 
 
-UNITS_APART = 10.0**1.5
-"""Half way from a unit to the next."""
+UNITS_APART = 10.0**1.5  # half way from a unit to the next
 _LIKELY = (1.0 / UNLIKE, UNLIKE)
 _CONVENTIONS = {
     "force": ("N", "forces are positive in compression", _LIKELY),

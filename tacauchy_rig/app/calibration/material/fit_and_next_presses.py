@@ -45,7 +45,7 @@ up to a ``_STEP`` of the gel's height: more data may then need no more presses."
 _MESH, _JITTER = 0.01, 0.005
 """Relative standard uncertainties: one that all forces of an indenter share, and one of each force.
 From the emulator's forces, those with its law differ by -0.8 to +0.8 % (ball, punch; nu 0.40 to
-0.49). A ``Batch`` with edges of 1.25 mm takes as long for a press and is uncertain by 4 to 8 %."""
+0.49)."""
 _LAWS = LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN
 """The gel's law is not known: what another than the sensor's changes of a force is a standard
 uncertainty. A fifth of the gel's height deep that is 0.4 % at nu 0.49; at 0.40 it is 5 % under a
