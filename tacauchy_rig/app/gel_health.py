@@ -34,8 +34,7 @@ LIGHT_DOUBT = 0.01  # standard uncertainty of the brightness: warming up and the
 COVERAGE = 2.0
 """A change counts beyond its limit, and beyond this many of its standard uncertainties."""
 _FIRST_SHARE = 0.3  # of the common force: below it the height of first contact decides
-_LEVELS = 12
-_BLOCK_PX = 4
+_LEVELS, _BLOCK_PX = 12, 4
 # Of a pattern: how clear it is within one run at least, and of the gel around contacts
 _CLEAR, _STILL_PX, _STILL_LEVELS = 0.15, 4.0, 1.5
 FORCE_DOUBT = 0.01  # of the common force, at each level: noise, and creep at another pace
@@ -174,14 +173,13 @@ def compare_presses(
         unit="N",
     )
     way = "harder" if modulus.value > 0.0 else "softer"
-    again = "`tacauchy-rig calibrate optics`"
     reasons = {
         modulus: f"the gel is {way} by {abs(modulus.value):.0%}",
         image: f"{image.value:.0%} of the contact's image differs at equal force",
-        pattern: f"the gel's pattern is that of another gel: {again}",
+        pattern: f"the gel's pattern is that of another gel: `tacauchy-rig calibrate optics`",
         place: f"the contact lies {right:+.1f} px to the right and {below:+.1f} px below; camera "
         "or sensor moved: `tacauchy-rig calibrate scale`",
-        light: f"the light changed by {light.value:+.0%}: {again}",
+        light: f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`",
         zero: f"the cell's zero moved by {zero.value:+.2f} N: see its gain by `run --check-weight`",
     }
     first = next((each for each in reasons if each.counts), None)
@@ -224,7 +222,7 @@ def _shift(before: FloatArray, now: FloatArray) -> tuple[tuple[float, float], fl
     window = cv2.createHanningWindow(before.shape[1::-1], cv2.CV_32F)
     first, second = (np.asarray(each, np.float32) for each in (before, now))
     (right, below), clear = cv2.phaseCorrelate(first, second, window)
-    return (right, below), clear
+    return (right, below) if clear > _CLEAR else (0.0, 0.0), clear
 
 
 def _pattern_change(before: PressMeasures, now: PressMeasures) -> float:
