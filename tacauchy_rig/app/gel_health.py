@@ -176,7 +176,7 @@ def compare_presses(
     reasons = {
         modulus: f"the gel is {way} by {abs(modulus.value):.0%}",
         image: f"{image.value:.0%} of the contact's image differs at equal force",
-        pattern: f"the gel's pattern is that of another gel: `tacauchy-rig calibrate optics`",
+        pattern: "the gel's pattern is that of another gel: `tacauchy-rig calibrate optics`",
         place: f"the contact lies {right:+.1f} px to the right and {below:+.1f} px below; camera "
         "or sensor moved: `tacauchy-rig calibrate scale`",
         light: f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`",
