@@ -22,7 +22,7 @@ from sim.optics.calibrate.colour_fit import Calibration
 from sim.optics.calibrate.gel_profile import fit_motions
 from sim.optics.calibrate.shadow_blur_fit import press_image, without_shadows
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64Array, RealArray
+from tacauchy_rig.core.arrays import AnyArray, Float32Array, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.time_limit_and_progress import doing
@@ -241,7 +241,7 @@ def _camera_moved(
     return tuple(np.median(moved, axis=0).tolist())
 
 
-def detail(image: RealArray) -> Float32Array:
+def detail(image: AnyArray) -> Float32Array:
     """Return what is finer than lamps and contacts in an image, of all colours together."""
     grey = image.mean(axis=-1, dtype=np.float32)
     return np.asarray(np.subtract(*(cv2.GaussianBlur(grey, (0, 0), s) for s in _DETAIL_PX)))
