@@ -7,8 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
-OTHERS = ("No module named 'sim.press'",)
-"""Python says these."""
+OTHERS = ("No module named 'sim.press'",)  # python says these
 
 
 def _texts() -> str:

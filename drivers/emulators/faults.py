@@ -72,8 +72,7 @@ class Amount(NamedTuple):
     most: float  # largest possible [SI unit]
 
 
-OLDEST_S = 60.0
-"""Nothing older than this is sent again [s]."""
+OLDEST_S = 60.0  # nothing older than this is sent again [s]
 _LONGEST_LOOP = 100.0
 
 _ROBOT = {*STOPS, FaultKind.FREEZE, FaultKind.DROP, FaultKind.STALL, FaultKind.UNLOCK}

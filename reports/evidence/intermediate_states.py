@@ -8,8 +8,7 @@ from reports.evidence.evidence_types import IntermediateFrame, IntermediateState
 from reports.evidence.frames_and_curves import AttemptReading, crop_and_resize, decode_frame
 from tacauchy_rig.core.arrays import AnyArray, FloatArray
 
-NEAR = 0.05
-"""Of a press's force: a frame that was taken at a force farther off is not shown."""
+NEAR = 0.05  # of a press's force: a frame that was taken at a force farther off is not shown
 _KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
 
 

@@ -9,8 +9,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import ForceDepthCurve
 
-TRIALS_MIN = 3
-"""Two presses are met by any tilt and lever arm together."""
+TRIALS_MIN = 3  # two presses are met by any tilt and lever arm together
 STIFFNESS_UNCERTAINTY = 0.1
 """Of K, relative: what its mesh, the gel's height and Poisson's ratio leave uncertain of it."""
 

@@ -29,8 +29,7 @@ FIGURES: dict[str, Callable[[Any], bool]] = {
     "force-depth": lambda report: _has_curves(report.evidence),
 }
 """The figures of the page, in order, and whether a run has data for each."""
-RECORDED = ("images", "time")
-"""Drawn of the evidence; the others of the report."""
+RECORDED = ("images", "time")  # drawn of the evidence; the others of the report
 
 
 def draw_figures(

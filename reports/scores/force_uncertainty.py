@@ -72,16 +72,13 @@ def combine(terms: Sequence[UncertaintyTerm]) -> Combined | None:
     )
 
 
-_UNIFORM = 1.0 / math.sqrt(3.0)
-"""Standard uncertainty of a uniform distribution of half width 1."""
-_REPEATS_MIN = 4
-"""Degrees of freedom: five presses of one force have them, or six of any."""
+_UNIFORM = 1.0 / math.sqrt(3.0)  # standard uncertainty of a uniform distribution of half width 1
+_REPEATS_MIN = 4  # degrees of freedom: five presses of one force have them, or six of any
 _CHORD = 0.25
 """Of the depth: over so much of it a stiffness is taken. Between two evaluations a nanometre apart
 it would be the solver's tolerance."""
 _REPEATED = "repeatability of the press"
-_IN_CONTACT = 3
-"""Samples of force that decide where contact is."""
+_IN_CONTACT = 3  # samples of force that decide where contact is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

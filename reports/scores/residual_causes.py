@@ -24,8 +24,7 @@ from reports.scores import contact_scores
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
 
-STEPS = 4
-"""Of Gauss and Newton: a contact is moved to where the step before found it."""
+STEPS = 4  # of Gauss and Newton: a contact is moved to where the step before found it
 ALIKE = 300.0
 """Values of an image that are wrong together where a model is wrong: three channels of 10 x 10
 pixels, about the width of a rim. So much less do they weigh against what is known beforehand."""
@@ -52,8 +51,7 @@ class Cause(StrEnum):
     REST = "rest"
 
 
-UNMENDABLE = (Cause.NOISE, Cause.REST)
-"""Of which nobody knows what to do about them."""
+UNMENDABLE = (Cause.NOISE, Cause.REST)  # of which nobody knows what to do about them
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Compare a press with an earlier one of the same tool: keep, recalibrate or replace the gel.
 
-A gel that hardens or tears changes its force at a depth. Light that fades and a gel that wears
-change the image. No simulator is involved.
+No simulator is involved.
 """
 
 import math
@@ -13,6 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from reports.evidence.frames_and_curves import AttemptReading, RunReading
+from sim.optics.calibrate.cross_validation import detail
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.settings import stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
@@ -25,19 +25,19 @@ LIGHT_CHANGE = 0.08
 """Relative change of the unloaded image's brightness that a calibration of colours does not cover;
 lights that warm up change by 2 %."""
 IMAGE_CHANGE = 0.25
-"""Part of the earlier press's image change that differs now, at equal force and brightness."""
-ZERO_CHANGE_N = 1.0
-"""Of the force cell's zero; remounting a tool changes it by less."""
-LIGHT_DOUBT = 0.01
-"""Standard uncertainty of the brightness: warming up and the room."""
+"""Part of the earlier press's image change that differs now, at equal force, light and place."""
+PLACE_CHANGE_PX = 1.5
+"""Of the contact in the image: more than an arm's repeatability, less than scales bear."""
+PATTERN_CHANGE = 0.7  # part of the gel's pattern (dust, texture, dots) that is another now
+ZERO_CHANGE_N = 1.0  # of the force cell's zero; remounting a tool changes it by less
+LIGHT_DOUBT = 0.01  # standard uncertainty of the brightness: warming up and the room
 COVERAGE = 2.0
 """A change counts beyond its limit, and beyond this many of its standard uncertainties."""
-_FIRST_SHARE = 0.3
-"""Of the common force: below it the height of first contact decides."""
-_LEVELS = 12
-_BLOCK_PX = 4
-FORCE_DOUBT = 0.01
-"""Of the common force, at each level: noise, and creep at another pace."""
+_FIRST_SHARE = 0.3  # of the common force: below it the height of first contact decides
+_LEVELS, _BLOCK_PX = 12, 4
+# Of a pattern: how clear it is within one run at least, and of the gel around contacts
+_CLEAR, _STILL_PX, _STILL_LEVELS = 0.15, 4.0, 1.5
+FORCE_DOUBT = 0.01  # of the common force, at each level: noise, and creep at another pace
 
 
 class Advice(StrEnum):
@@ -66,8 +66,8 @@ class Change:
 
     name: str
     value: float  # in ``unit``; a ratio if that is empty
-    uncertainty: float  # standard uncertainty, likewise
     limit: float  # a change beyond it, either way, counts if it is significant
+    uncertainty: float = 0.0  # standard uncertainty, as ``value``
     unit: str = ""
 
     @property
@@ -151,13 +151,20 @@ def compare_presses(
             remedy="press with the camera mode and the sensor file of the earlier run",
         )
     modulus = _stiffness(before, now, depth_uncertainty_m)
-    light_now = float(now.unloaded.mean() / max(before.unloaded.mean(), 1.0))
-    light = Change(name="light", value=light_now - 1.0, uncertainty=LIGHT_DOUBT, limit=LIGHT_CHANGE)
-    # The part of the contact's image change that differs at equal light; blocks average the noise.
-    was = _reduced(before.pressed - before.unloaded)
-    shown = _reduced(now.pressed - now.unloaded) / max(light_now, 1e-3)
+    # Of each colour, for one lamp may fade.
+    colours, known = (np.maximum(each.unloaded.mean(axis=(0, 1)), 1.0) for each in (now, before))
+    dimmer = float(max(colours / known - 1.0, key=abs))
+    light = Change(name="light", value=dimmer, uncertainty=LIGHT_DOUBT, limit=LIGHT_CHANGE)
+    was, shown = before.pressed - before.unloaded, (now.pressed - now.unloaded) * known / colours
+    (right, below), _ = _shift(*(np.linalg.norm(each, axis=-1) for each in (was, shown)))
+    place = Change(name="place", value=math.hypot(right, below), limit=PLACE_CHANGE_PX, unit="px")
+    pattern = Change(name="pattern", value=_pattern_change(before, now), limit=PATTERN_CHANGE)
+    # What differs at equal light and place; blocks average the noise.
+    back = np.array([[1.0, 0.0, -right], [0.0, 1.0, -below]])
+    shown = cv2.warpAffine(shown, back, shown.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
+    was, shown = _reduced(was), _reduced(np.asarray(shown, np.float64))
     differs = float(np.linalg.norm(shown - was)) / max(float(np.linalg.norm(was)), 1e-9)
-    image = Change(name="image", value=differs, uncertainty=0.0, limit=IMAGE_CHANGE)
+    image = Change(name="image", value=differs, limit=IMAGE_CHANGE)
     zero = Change(
         name="zero of the force cell",
         value=now.zero_n - before.zero_n,
@@ -165,21 +172,21 @@ def compare_presses(
         limit=ZERO_CHANGE_N,
         unit="N",
     )
-    changes = (modulus, light, image, zero)
-    advice, reason = Advice.KEEP, "nothing changed beyond its limit"
-    if modulus.counts:
-        way = "harder" if modulus.value > 0.0 else "softer"
-        advice, reason = Advice.REPLACE, f"the gel is {way} by {abs(modulus.value):.0%}"
-    elif image.counts:
-        advice = Advice.REPLACE
-        reason = f"{image.value:.0%} of the contact's image differs at equal force"
-    elif light.counts:
-        advice = Advice.RECALIBRATE
-        reason = f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`"
-    elif zero.counts:
-        advice = Advice.RECALIBRATE
-        reason = f"the cell's zero moved by {zero.value:+.2f} N: see its gain by "
-        reason += "`run --check-weight`"
+    way = "harder" if modulus.value > 0.0 else "softer"
+    reasons = {
+        modulus: f"the gel is {way} by {abs(modulus.value):.0%}",
+        image: f"{image.value:.0%} of the contact's image differs at equal force",
+        pattern: "the gel's pattern is that of another gel: `tacauchy-rig calibrate optics`",
+        place: f"the contact lies {right:+.1f} px to the right and {below:+.1f} px below; camera "
+        "or sensor moved: `tacauchy-rig calibrate scale`",
+        light: f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`",
+        zero: f"the cell's zero moved by {zero.value:+.2f} N: see its gain by `run --check-weight`",
+    }
+    first = next((each for each in reasons if each.counts), None)
+    reason = "nothing changed beyond its limit" if first is None else reasons[first]
+    advice = Advice.RECALIBRATE if first else Advice.KEEP
+    advice = Advice.REPLACE if first in (modulus, image) else advice
+    changes = (modulus, light, image, zero, place, pattern)
     return GelState(advice=advice, reason=reason, changes=changes)
 
 
@@ -208,6 +215,25 @@ def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: f
         uncertainty=math.sqrt(float(covariance[0, 0])),
         limit=MODULUS_CHANGE,
     )
+
+
+def _shift(before: FloatArray, now: FloatArray) -> tuple[tuple[float, float], float]:
+    """Return how far an image moved to the right and down [px], and how clearly: 0 to about 1."""
+    window = cv2.createHanningWindow(before.shape[1::-1], cv2.CV_32F)
+    first, second = (np.asarray(each, np.float32) for each in (before, now))
+    (right, below), clear = cv2.phaseCorrelate(first, second, window)
+    return (right, below) if clear > _CLEAR else (0.0, 0.0), clear
+
+
+def _pattern_change(before: PressMeasures, now: PressMeasures) -> float:
+    """Return which part of the gel's pattern around the contacts is another; 0 if none is clear."""
+    dents = [np.abs(each.pressed - each.unloaded).max(axis=-1) for each in (before, now)]
+    still = cv2.GaussianBlur(np.max(dents, axis=0), (0, 0), _STILL_PX) < _STILL_LEVELS
+    around = cv2.GaussianBlur(still.astype(np.float64), (0, 0), _STILL_PX)
+    images = (before.unloaded, now.unloaded, now.pressed)
+    was, shown, pressed = (around * detail(each) for each in images)
+    clear = _shift(shown, pressed)[1]
+    return max(0.0, 1.0 - _shift(was, shown)[1] / clear) if clear > _CLEAR else 0.0
 
 
 def _reduced(change: FloatArray) -> FloatArray:

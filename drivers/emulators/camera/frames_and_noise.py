@@ -159,8 +159,7 @@ def encode_jpeg(image: ImageArray) -> bytes:
 
 _ERROR = 0x40  # V4L2_BUF_FLAG_ERROR
 _PACKET_BYTES = 3060  # what a high-bandwidth USB packet holds of a frame
-VIDEO_DEVICE = "video0"
-"""Name of the device's file in the folder of the emulated devices."""
+VIDEO_DEVICE = "video0"  # name of the device's file in the folder of the emulated devices
 _LIBRARY = "video_device.so"
 _PACKAGE = "drivers.emulators.camera"
 

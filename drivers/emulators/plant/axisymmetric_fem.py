@@ -299,8 +299,7 @@ def _flat(values: FloatArray) -> FloatArray:
 _ALONG = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
 _AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
 """Of a motion (r, z) that is alike all around."""
-STICK_PER_M = 5e5
-"""Times Young's modulus: what sticks creeps by tenths of a micrometre."""
+STICK_PER_M = 5e5  # times Young's modulus: what sticks creeps by tenths of a micrometre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,8 +35,7 @@ _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
 TELLING = 251  # of a compressed range the last levels tell less than their noise
 BEYOND_RIM = 1.15
-LARGEST = 1.03
-"""Of a ball's radius: circles and scales are not exact, but no contact is larger."""
+LARGEST = 1.03  # of a ball's radius: circles and scales are not exact, but no contact is larger
 STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3

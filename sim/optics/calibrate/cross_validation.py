@@ -1,9 +1,8 @@
 """Scores of a calibration on ball presses that it has not seen, beside the no-contact frame's.
 
-Scores are of the labelled contact and a square crop around it, on colour images. Raw compares with
-the rendering in the no-contact frame's light; light-matched first adds the frame's own light, as
-estimated outside the contact, to rendering and no-contact frame alike, and bounds both as the
-camera does. SSIM is scikit-image's with its uniform 7 x 7 window, averaged over channels.
+Scores are of the labelled contact and a square crop around it, on colour images. Light-matched ones
+first add the frame's own light, as estimated outside the contact, to rendering and no-contact frame
+alike. SSIM is scikit-image's with its uniform 7 x 7 window, averaged over channels.
 """
 
 from __future__ import annotations
@@ -23,15 +22,13 @@ from sim.optics.calibrate.colour_fit import Calibration
 from sim.optics.calibrate.gel_profile import fit_motions
 from sim.optics.calibrate.shadow_blur_fit import press_image, without_shadows
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64Array
+from tacauchy_rig.core.arrays import AnyArray, Float32Array, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.image_codec import to_grey
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.time_limit_and_progress import doing
 
 _NUDGES = 2
-CROP_SHARE = 0.375
-"""Of the image's width, the side of the square that SSIM is of: 120 px of 320."""
+CROP_SHARE = 0.375  # of the image's width, the side of the square that SSIM is of: 120 px of 320
 _RING = (1.1, 2.2)  # radii of a contact, between which skirt and shadows are scored by themselves
 _SSIM = partial(structural_similarity, channel_axis=2, data_range=255.0)
 FEWEST, _FEW = 5, 14
@@ -129,12 +126,15 @@ def check_scores(
 ) -> CheckScores:
     """Score presses that a calibration has not seen, in the scene as it was taken."""
     moves = np.subtract([item.circle for item in nudged], [item.circle for item in labelled])
+    levels = [item.light[0] for item in sorted(nudged, key=lambda item: item.press.name)]
+    along = np.linspace(-0.5, 0.5, len(levels))
+    drift = along @ np.array(levels) / max(float(along @ along), 1e-12)
     return CheckScores(
         **asdict(score_presses(nudged, scene, light_matched=True)),
         as_labelled=score_presses(labelled, scene, light_matched=True),
         as_labelled_frames_as_they_came=score_presses(labelled, scene, light_matched=False),
-        light_rms_levels=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
-        light_drift_levels=_light_drift(nudged),
+        light_rms_levels=float(np.sqrt(np.mean(np.square(levels)))),
+        light_drift_levels=tuple(drift.tolist()),
         camera_moved_px=_camera_moved(nudged, scene),
         nudge_rms_px=float(np.sqrt(np.mean(moves**2))),
         markers=marker_scores(nudged, scene.geometry.mean_scale_m),
@@ -222,12 +222,6 @@ class CheckScores(PressScores):
     markers: MarkerScores | None = None  # of sensors with markers
 
 
-def _light_drift(rendered: Sequence[RenderedPress]) -> tuple[float, ...]:
-    levels = [item.light[0] for item in sorted(rendered, key=lambda item: item.press.name)]
-    along = np.linspace(-0.5, 0.5, len(levels))
-    return tuple((along @ np.array(levels) / max(float(along @ along), 1e-12)).tolist())
-
-
 def _camera_moved(
     rendered: Sequence[RenderedPress], scene: PressScene
 ) -> tuple[float, float] | None:
@@ -235,22 +229,22 @@ def _camera_moved(
     height, width = scene.background.shape[:2]
     rows, columns = np.indices((height, width))
     edge = np.minimum(np.minimum(rows, height - 1 - rows), np.minimum(columns, width - 1 - columns))
-    frame, moved = _detail(as_seen(scene.frame, np.zeros((3, 3)), scene).astype(np.uint8)), []
+    frame, moved = detail(as_seen(scene.frame, np.zeros((3, 3)), scene)), []
     for item in rendered:
         away = item.circle.distance(columns, rows) > _AROUND * item.circle.radius_px
         shown = (away & (edge >= _BORDER_PX)).astype(np.float32)
         weight = cv2.GaussianBlur(shown, (0, 0), _DETAIL_PX[1])
-        shift, peak = cv2.phaseCorrelate(frame * weight, _detail(item.press.image) * weight)
+        shift, peak = cv2.phaseCorrelate(frame * weight, detail(item.press.image) * weight)
         moved += [shift] if peak > _LEAST_PEAK else []
     if 2 * len(moved) < len(rendered):
         return None
     return tuple(np.median(moved, axis=0).tolist())
 
 
-def _detail(image: ImageArray) -> Float32Array:
-    grey = to_grey(image).astype(np.float32)
-    fine, coarse = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in _DETAIL_PX)
-    return np.asarray(fine - coarse, dtype=np.float32)
+def detail(image: AnyArray) -> Float32Array:
+    """Return what is finer than lamps and contacts in an image, of all colours together."""
+    grey = image.mean(axis=-1, dtype=np.float32)
+    return np.asarray(np.subtract(*(cv2.GaussianBlur(grey, (0, 0), s) for s in _DETAIL_PX)))
 
 
 def score_presses(

@@ -19,8 +19,7 @@ from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.recording.mcap_reader import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
-GRID_S = 1e-3
-"""Spacing of the depth's even time grid: well below any delay of interest."""
+GRID_S = 1e-3  # spacing of the depth's even time grid: well below any delay of interest
 EARLIEST_S, LATEST_S, STEP_S = -0.06, 0.3, 0.005
 BLOCKS = 6
 """Parts that are fitted by themselves: their scatter is the uncertainty, whatever the noise is."""
@@ -171,8 +170,7 @@ SETTLING_S = 1.0
 EARLY_SHARE = 0.05
 """Of stamps: the control loop reads states up to 5 ms after they came, and a busy host reads
 anything late now and then. What came early says when a device sends."""
-WIDTH_PX = 80
-"""To which a frame is reduced: a contact is seen in it, and noise is averaged away."""
+WIDTH_PX = 80  # to which a frame is reduced: a contact is seen in it, and noise is averaged away
 BORDER_SHARE = 0.2
 """Of width and height, on each side: the contact is in the middle, housing or counters beside."""
 TRIGGER_FRAMES = 0.25

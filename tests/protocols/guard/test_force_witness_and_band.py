@@ -23,8 +23,7 @@ from tacauchy_rig.core.run import ExpectedPress
 from tests.protocols.conftest import arm_state
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
-STIFFNESS_N_M = 6100.0
-"""Of a GelSight Mini under a 5 mm punch."""
+STIFFNESS_N_M = 6100.0  # of a GelSight Mini under a 5 mm punch
 EXPECTED = ExpectedPress(
     sensor="gelsight-mini",
     made="a spring",
@@ -37,8 +36,7 @@ EXPECTED = ExpectedPress(
     gel_height_m=4e-3,
 )
 PERIOD_S = 0.01
-PRESS_M = 0.3e-3 * PERIOD_S
-"""Of travel a sample, at the fastest press."""
+PRESS_M = 0.3e-3 * PERIOD_S  # of travel a sample, at the fastest press
 CONTACT_N = 0.05
 
 

@@ -212,8 +212,7 @@ def test_curves_of_force_and_depth_lie_at_corrected_times(
 
 
 SHAPE = (60, 80, 3)
-FRAMES = 30
-"""1.2 s at 25 fps."""
+FRAMES = 30  # 1.2 s at 25 fps
 CONTACT = np.zeros(SHAPE)
 CONTACT[20:40, 30:50] = 25.0
 RNG_SEED = 5

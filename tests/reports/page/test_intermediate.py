@@ -20,10 +20,8 @@ from reports.page.report_html import MOST_PRESSES
 from reports.page.summary_and_junit import ReportPaths
 
 STATES, HEIGHT, WIDTH = 8, 120, 160
-MANY = MOST_PRESSES + 2
-"""Presses, of which not all have a slider."""
-GROWTH_MOST = 5_000_000
-"""Bytes: twelve presses whose images are nothing but noise."""
+MANY = MOST_PRESSES + 2  # presses, of which not all have a slider
+GROWTH_MOST = 5_000_000  # bytes: twelve presses whose images are nothing but noise
 A4_INSIDE_PX = (703, 1016)
 """Width and height that the margins leave of a sheet, and the mark of the latter, at 96 px/in."""
 

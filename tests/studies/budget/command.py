@@ -24,8 +24,7 @@ from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
 from tacauchy_rig.core.simulated import ForceDepthCurve, Replay
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
-HELD_MIN = 0.85
-"""Of the worlds: 17 of 20, which a true 95 % misses once in sixty times."""
+HELD_MIN = 0.85  # of the worlds: 17 of 20, which a true 95 % misses once in sixty times
 NOISE_N, DRIFT_N, RATE_N_S = 0.008, 0.01, 0.01
 """Of an emulated cell: a sample, between the zeros of a trial, and the creep in a dwell."""
 _DRAWS = 8

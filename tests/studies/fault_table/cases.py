@@ -134,10 +134,8 @@ class Moment(StrEnum):
         return {Moment.START: 1.0, Moment.SEARCH: 2.0, Moment.PRESS: 0.5, Moment.DWELL: 0.4}[self]
 
 
-TARGET_N = 2.0
-"""What a case presses to, unless it says otherwise [N]."""
-DWELL_S = 1.2
-"""How long a case holds its force, unless it says otherwise: the default of a run [s]."""
+TARGET_N = 2.0  # what a case presses to, unless it says otherwise [N]
+DWELL_S = 1.2  # how long a case holds its force, unless it says otherwise: the default of a run [s]
 RIVAL_DWELL_S = 20.0
 """How long where a second run is to find the first one at work: it needs seconds to begin [s]."""
 LATER_MOMENTS = (Moment.SEARCH, Moment.PRESS, Moment.DWELL)

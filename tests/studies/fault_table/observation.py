@@ -15,8 +15,7 @@ from tests.drivers.arm_notes import TraceRow
 from tests.studies.fault_table.cases import TARGET_N
 
 STILL_M_S = 1e-7
-REST_NS = 100_000_000
-"""Standing still for so long counts as a stop."""
+REST_NS = 100_000_000  # standing still for so long counts as a stop
 FORCE_STEP_NS = 4_000_000
 
 

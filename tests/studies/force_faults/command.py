@@ -14,10 +14,8 @@ from tacauchy_rig.core.tables import About, Table, table_of
 from tests.studies.force_faults.runner import press
 from tests.studies.force_faults.worlds import TRIALS, Kind, Place, World, faulty_world, honest_world
 
-BEYOND = 0.1
-"""Of a force, beyond its stated uncertainty: what no trial that passes may be off."""
-REJECTED = 1 / 200
-"""Of honest worlds."""
+BEYOND = 0.1  # of a force, beyond its stated uncertainty: what no trial that passes may be off
+REJECTED = 1 / 200  # of honest worlds
 NOTE = (
     "Each world is a run of six presses into a GelSight Mini, drawn from the seed: gel, arm, "
     "drift, temperature, and what fails from which trial on. A fault takes or adds 10 to 50 % of "

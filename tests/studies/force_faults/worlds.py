@@ -138,8 +138,7 @@ class World:
         return None if self.arm is None else Place.ARM
 
 
-TRIAL_S = 25.0
-"""From one home to the next, about."""
+TRIAL_S = 25.0  # from one home to the next, about
 MODULUS_PER_K, GAIN_PER_K, ZERO_N_PER_K = 3e-3, 2e-4, 0.01
 """Rubber elasticity (proportional to absolute temperature); a cell's sheet, as others have them."""
 DEPTH_SHARE = {RobotModel.E_SERIES: 0.014, RobotModel.CB3: 0.021}
@@ -182,8 +181,7 @@ def faulty_world(
     return replace(world, sensor=sensor, arm=sensor if alike else arm)
 
 
-LEAST, MOST = 0.1, 0.5
-"""Of the force: what a fault takes away or adds."""
+LEAST, MOST = 0.1, 0.5  # of the force: what a fault takes away or adds
 ZERO_N = (0.1, 1.0)
 
 

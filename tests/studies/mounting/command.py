@@ -27,12 +27,10 @@ from tacauchy_rig.core.time_limit_and_progress import heard
 from tests.studies.verdict.bench import Bench
 
 _LARGEST_RAD = math.radians(2.0)
-_CLEAR_RAD = math.radians(0.5)
-"""From here on what is found is set over what is true."""
+_CLEAR_RAD = math.radians(0.5)  # from here on what is found is set over what is true
 _COVERED = 0.9
 """Of the tools whose lean lies within twice its stated uncertainty: 95 in 100, less chance."""
-_SETTLED_NS = 15 * 10**9
-"""The gel has relaxed by then."""
+_SETTLED_NS = 15 * 10**9  # the gel has relaxed by then
 _DEEPEST_M = 0.95e-3
 
 

@@ -37,8 +37,7 @@ from tests.recorded_run import empty_run
 from tests.studies.fault_table.emulated_rig import EmulatedRig
 from tests.studies.fault_table.observation import ArmOutcome, arm_after, is_at_rest
 
-HOME_Z = "216 mm"
-"""High enough for the arm to be on its way when it is stopped."""
+HOME_Z = "216 mm"  # high enough for the arm to be on its way when it is stopped
 UNDER_WAY_S = 0.4
 REST_TIMEOUT_S = 5.0
 WATCHERS = 3
@@ -164,8 +163,7 @@ def _terminal() -> Iterator[tuple[int, int]]:
 STOP_MORE_MS = 100.0
 REACTION_MORE_MS = 2.0
 WEIGHT_KG = 0.1
-SLOWED = 0.98
-"""Of the speed before: below it the arm has begun to stop."""
+SLOWED = 0.98  # of the speed before: below it the arm has begun to stop
 Say = Callable[[str], None]
 Row = dict[str, str | float | None]
 

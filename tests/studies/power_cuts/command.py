@@ -18,10 +18,8 @@ from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run
 from tests.studies.power_cuts.states import History, draw_state, finished_recordings
 
-RESUMED_EVERY = 50
-"""States that are pressed to their end; the others are planned only."""
-AGAIN_EVERY = 10
-"""States that are recovered a second time."""
+RESUMED_EVERY = 50  # states that are pressed to their end; the others are planned only
+AGAIN_EVERY = 10  # states that are recovered a second time
 SECOND_SESSION_NS = 200 * 10**9
 THIRD_SESSION_NS = 400 * 10**9
 SHORT = ('robot.model="cb3"',)

@@ -94,7 +94,7 @@ def state_table(found: Sequence[Judged]) -> Table:
             "zero [N]": round(zero.value, 3),
         }
         for each in found
-        for modulus, light, image, zero in [each.state.changes]
+        for modulus, light, image, zero, *_ in [each.state.changes]
     ]
     return table_of_rows(
         rows,

@@ -30,8 +30,7 @@ from tests.studies.verdict.bench import Bench, Pressed, rendered
 
 _LEAN_RAD, _OFFSET_M, _DIMMED, _STIFFER = math.radians(1.0), 0.3e-3, 0.2, 0.15
 _ZERO_N, _SCATTER = 0.3, 0.12
-MOST = 0.5
-"""Part of the replays whose planted cause has to come first at least, exclusive."""
+MOST = 0.5  # part of the replays whose planted cause has to come first at least, exclusive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

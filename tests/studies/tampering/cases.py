@@ -20,8 +20,7 @@ from tacauchy_rig.core.store.recording.mcap_writer import (
 )
 from tests.studies.tampering.copy import Care, Json, Messages, RunCopy, exchange
 
-VICTIM, OTHER = 1, 2
-"""Trials that are tampered with, and that things are taken from."""
+VICTIM, OTHER = 1, 2  # trials that are tampered with, and that things are taken from
 
 ALL = tuple(Care)
 TORN = (Care.BYTES,)
@@ -218,8 +217,7 @@ def _flipped(content: bytes) -> bytes:
 
 _MOVED_NS = 200_000_000
 _DEEPER_M = 1e-4
-_FELT_N = 3.0
-"""Beyond the noise of the estimate of any arm."""
+_FELT_N = 3.0  # beyond the noise of the estimate of any arm
 _HALVED = ("force_measured_n", "force_deviation_n", "force_rate_n_s", "force_drift_n")
 
 

@@ -111,10 +111,8 @@ def _named(read: Callable[[], Iterable[str]]) -> tuple[str, ...]:
         return (f"refused: {Path(error.message.split(':')[0].split(' line')[0]).name}",)
 
 
-_SHOWN = 3
-"""Criteria that a cell names; one edit often breaks many."""
-_FOLLOWS = "replay_files"
-"""Missed whenever anything is that a replay was made from; named last."""
+_SHOWN = 3  # criteria that a cell names; one edit often breaks many
+_FOLLOWS = "replay_files"  # missed whenever anything is that a replay was made from; named last
 
 
 def summary_line(seen: Sequence[Observation]) -> str:

@@ -17,8 +17,7 @@ from tacauchy_rig.app.replay.chosen_optics import nominal_optics
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.verdict.bench import Bench
 
-SEED = 20261122
-"""Of which colour of the lamps aged how."""
+SEED = 20261122  # of which colour of the lamps aged how
 
 
 STEPS_TO_DOUBLE = 2

@@ -45,7 +45,7 @@ up to a ``_STEP`` of the gel's height: more data may then need no more presses."
 _MESH, _JITTER = 0.01, 0.005
 """Relative standard uncertainties: one that all forces of an indenter share, and one of each force.
 From the emulator's forces, those with its law differ by -0.8 to +0.8 % (ball, punch; nu 0.40 to
-0.49). A ``Batch`` with edges of 1.25 mm takes as long for a press and is uncertain by 4 to 8 %."""
+0.49)."""
 _LAWS = LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN
 """The gel's law is not known: what another than the sensor's changes of a force is a standard
 uncertainty. A fifth of the gel's height deep that is 0.4 % at nu 0.49; at 0.40 it is 5 % under a
@@ -410,8 +410,7 @@ def predict_left_out(fit: GelFit) -> Iterator[LeftOutForce]:
 
 
 _FALSE_ALARM = 1e-3
-_SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6
-"""Of silicone gels: outside, forces are not in newtons."""
+_SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6  # of silicone gels: outside, forces are not in newtons
 _SURPRISING, _ODD, _ALIKE = 3.0, 4.0, 0.9
 
 
@@ -471,12 +470,10 @@ CANDIDATES = (
     "cylinder:diameter=5mm,fillet=0.5mm",
     "cylinder:diameter=8mm,fillet=0.5mm",
 )
-_DEPTH_SHARES = (0.05, 0.1, 0.15, 0.2)
-"""Of the gel's height: to what candidates may be pressed."""
+_DEPTH_SHARES = (0.05, 0.1, 0.15, 0.2)  # of the gel's height: to what candidates may be pressed
 _OWN, _EACH = 0.015, 0.01
 """Relative doubt of a candidate's forces: of all together (sizes, mounting, mesh), and of each."""
-_STEPS = (-0.01, 0.1)
-"""Of Poisson's ratio and friction, for what they change of a candidate."""
+_STEPS = (-0.01, 0.1)  # of Poisson's ratio and friction, for what they change of a candidate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,10 +53,8 @@ def with_gel(text: str, *, young: Interval, poisson: Interval, source: str) -> s
     return text
 
 
-_SURE = 2.0
-"""Standard uncertainties by which share and time are to be above none."""
-_FIRST = (0.02, 0.3)
-"""Share and time [s] that a fit begins with: what silicone gels have."""
+_SURE = 2.0  # standard uncertainties by which share and time are to be above none
+_FIRST = (0.02, 0.3)  # share and time [s] that a fit begins with: what silicone gels have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -56,7 +56,7 @@ def test_a_comparison_starts_with_two_different_runs(client: Client, asked: str)
 def test_health_follows_a_sensor_with_the_limits_of_check_press(client: Client) -> None:
     """A chart for each thing that may change; the change that counts is marked."""
     page = client.get(f"health/{SECOND}").text
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 6
     assert "8.0 %" in page
     assert 'class="bad"' in page
     assert f"{SECOND}: +20" in page
