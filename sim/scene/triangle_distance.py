@@ -36,6 +36,8 @@ _RISES_MAX = wp.constant(60)
 _MET_M = wp.constant(wp.float64(1.0e-10))
 # Of the surface's size: farther than this from it, no exact distance is needed.
 _FAR_SHARE = wp.constant(wp.float64(0.01))
+# Of the surface's size: what rises less over a face's plane lies in it.
+_RISES_SHARE = 1e-9
 # Faces of a leaf of the tree: four are found in three quarters of the time of one.
 _LEAF = 4
 
@@ -54,6 +56,7 @@ class DeviceSurface:
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)
+    hollow: wp.array2d(dtype=wp.bool)  # the face across an edge rises in front of this one
     ring_starts: wp.array(dtype=wp.int32)
     ring_faces: wp.array(dtype=wp.int32)
     face_normals: wp.array(dtype=wp.vec3d)
@@ -74,6 +77,11 @@ def on_device(surface: TriangleSurface, device: str, *, rounding_m: float = 0.0)
         "rounding": rounding_m,
     }
     arrays = {field.name: getattr(surface, field.name) for field in fields(surface)}
+    across = surface.vertices[surface.faces[surface.neighbours]]
+    rises = across - surface.vertices[surface.faces[:, :1]][:, None]
+    arrays["hollow"] = (
+        np.einsum("fkvi,fi->fkv", rises, surface.face_normals).max(axis=2) > _RISES_SHARE * size
+    )
     return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
 
 
@@ -121,9 +129,18 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
     for k in range(3):
         a = surface.vertices[surface.faces[face, k]]
         edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
-        away = p - a
-        if wp.dot(wp.cross(edge, away), n) < zero:
+        if wp.dot(wp.cross(edge, p - a), n) < zero:
             above = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
+    if above:
+        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
+        found.squared = height * height
+        found.point = p - n * height
+        found.feature = _FACE
+        return found
+    for k in range(3):
+        a = surface.vertices[surface.faces[face, k]]
+        edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
+        away = p - a
         t = wp.clamp(wp.dot(away, edge) / wp.dot(edge, edge), zero, one)
         left = away - edge * t
         squared = wp.dot(left, left)
@@ -135,30 +152,39 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
                 found.feature = _VERTEX + k
             if t == one:
                 found.feature = _VERTEX + (k + 1) % 3
-    if above:
-        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
-        found.squared = height * height
-        found.point = p - n * height
-        found.feature = _FACE
+    return found
+
+
+@wp.func
+def _nearer(surface: DeviceSurface, face: wp.int32, p: wp.vec3d, best: Nearest) -> Nearest:
+    """Return the nearer of a face and the best so far."""
+    found = best
+    height = wp.dot(p - surface.vertices[surface.faces[face, 0]], surface.face_normals[face])
+    if height * height < best.squared:
+        other = nearest_on_face(surface, face, p)
+        if other.squared < best.squared:
+            found = other
     return found
 
 
 @wp.func
 def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from a face that is near it."""
+    """Return the nearest point of a surface, from a face that is near it.
+
+    Over the inside of a face that a point is in front of, only what rises there may be nearer.
+    """
     best = nearest_on_face(surface, face, p)
     for _ in range(_MOVES_MAX):
         here = best
+        n = surface.face_normals[here.face]
+        behind = wp.dot(p - surface.vertices[surface.faces[here.face, 0]], n) <= wp.float64(0.0)
         for k in range(3):
-            other = nearest_on_face(surface, surface.neighbours[here.face, k], p)
-            if other.squared < best.squared:
-                best = other
+            if behind or surface.hollow[here.face, k] or here.feature == _EDGE + k:
+                best = _nearer(surface, surface.neighbours[here.face, k], p, best)
         if here.feature >= _VERTEX:
             vertex = surface.faces[here.face, here.feature - _VERTEX]
             for slot in range(surface.ring_starts[vertex], surface.ring_starts[vertex + 1]):
-                other = nearest_on_face(surface, surface.ring_faces[slot], p)
-                if other.squared < best.squared:
-                    best = other
+                best = _nearer(surface, surface.ring_faces[slot], p, best)
         if best.face == here.face:
             break
     return best
