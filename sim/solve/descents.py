@@ -126,6 +126,7 @@ class Descents:
             poses=self.poses,
             grip=self.grip,
             positions=self.positions,
+            seen=model.surface.unseen(indenter, count),
         )
         self.gel_buffers = model.gel.buffers(count)
         self.contact_buffers = model.surface.buffers(count)
