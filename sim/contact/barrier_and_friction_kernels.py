@@ -124,6 +124,7 @@ class Seen:
     place: wp.vec3d  # [m]
     gap: wp.float64  # [m]; 0 at the outset
     normal: wp.vec3d
+    next_face: wp.int32  # the number after the nearest face's; 0 if none is near
 
 
 @wp.struct
@@ -162,8 +163,9 @@ def gap_of(at: Pressed, body: Body, b: wp.int32, f: wp.int32, q: wp.int32, x: wp
     moved = wp.length(p - last.place)
     gap, n = last.gap - moved, wp.vec3d(last.normal)
     if gap <= reach and (moved > wp.float64(0.0) or last.gap == wp.float64(0.0)):
-        gap, n = nearby_distance(body.surface, p, _LOOKED * reach)
+        gap, n, face = nearby_distance(body.surface, p, _LOOKED * reach, last.next_face - 1)
         now = Seen()
+        now.next_face = face + 1
         now.place = p
         now.gap = gap
         now.normal = n
