@@ -14,7 +14,6 @@ from sim.contact.barrier_and_friction_kernels import (
     ContactKernels,
     GripArrays,
     Pressed,
-    Seen,
     TouchedSurface,
     contact_kernels,
     hessian,
@@ -22,7 +21,7 @@ from sim.contact.barrier_and_friction_kernels import (
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled, on_host, replaced
 from sim.mesh.clamping_and_sparsity import Discretisation
-from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter
+from sim.scene.indenter import Indenter
 from tacauchy_rig.core.arrays import FloatArray
 
 # A height map takes what is no farther from the indenter for touching.
@@ -199,12 +198,6 @@ class ContactSurface:
         """Return buffers for so many environments' nodal forces [N], energies [J] and gaps [m]."""
         nodal = self._device.zeros((count, len(self._pad.nodes)), wp.vec3d)
         return nodal, *(self._points(wp.float64, count) for _ in range(2))
-
-    def unseen(self, indenter: Indenter | IndenterSet, count: int) -> Any:
-        """Return what so many presses on a processor saw of triangles so far; nothing of others."""
-        bodies = indenter.bodies if isinstance(indenter, IndenterSet) else (indenter,)
-        keeps = not self._device.is_gpu and all(isinstance(each, MeshIndenter) for each in bodies)
-        return self._device.zeros((count, *self._shape) if keeps else (0, 0, 0), Seen)
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""

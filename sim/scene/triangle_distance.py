@@ -36,9 +36,7 @@ _RISES_MAX = wp.constant(60)
 _MET_M = wp.constant(wp.float64(1.0e-10))
 # Of the surface's size: farther than this from it, no exact distance is needed.
 _FAR_SHARE = wp.constant(wp.float64(0.01))
-# Of the surface's size: what rises less over a face's plane lies in it.
-_RISES_SHARE = 1e-9
-# Of the surface's size: rounding of the tree's distances.
+# Of the surface's size: rounding in the tree.
 _SINGLE = wp.constant(wp.float64(1.0e-7))
 # Faces of a leaf of the tree: four are found in three quarters of the time of one.
 _LEAF = 4
@@ -58,7 +56,6 @@ class DeviceSurface:
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)
-    hollow: wp.array2d(dtype=wp.bool)  # the face across an edge rises in front of this one
     ring_starts: wp.array(dtype=wp.int32)
     ring_faces: wp.array(dtype=wp.int32)
     face_normals: wp.array(dtype=wp.vec3d)
@@ -79,11 +76,6 @@ def on_device(surface: TriangleSurface, device: str, *, rounding_m: float = 0.0)
         "rounding": rounding_m,
     }
     arrays = {field.name: getattr(surface, field.name) for field in fields(surface)}
-    across = surface.vertices[surface.faces[surface.neighbours]]
-    rises = across - surface.vertices[surface.faces[:, :1]][:, None]
-    arrays["hollow"] = (
-        np.einsum("fkvi,fi->fkv", rises, surface.face_normals).max(axis=2) > _RISES_SHARE * size
-    )
     return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
 
 
@@ -131,18 +123,9 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
     for k in range(3):
         a = surface.vertices[surface.faces[face, k]]
         edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
-        if wp.dot(wp.cross(edge, p - a), n) < zero:
-            above = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
-    if above:
-        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
-        found.squared = height * height
-        found.point = p - n * height
-        found.feature = _FACE
-        return found
-    for k in range(3):
-        a = surface.vertices[surface.faces[face, k]]
-        edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
         away = p - a
+        if wp.dot(wp.cross(edge, away), n) < zero:
+            above = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
         t = wp.clamp(wp.dot(away, edge) / wp.dot(edge, edge), zero, one)
         left = away - edge * t
         squared = wp.dot(left, left)
@@ -154,18 +137,11 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
                 found.feature = _VERTEX + k
             if t == one:
                 found.feature = _VERTEX + (k + 1) % 3
-    return found
-
-
-@wp.func
-def _nearer(surface: DeviceSurface, face: wp.int32, p: wp.vec3d, best: Nearest) -> Nearest:
-    """Return the nearer of a face and the best so far."""
-    found = best
-    height = wp.dot(p - surface.vertices[surface.faces[face, 0]], surface.face_normals[face])
-    if height * height < best.squared:
-        other = nearest_on_face(surface, face, p)
-        if other.squared < best.squared:
-            found = other
+    if above:
+        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
+        found.squared = height * height
+        found.point = p - n * height
+        found.feature = _FACE
     return found
 
 
@@ -181,12 +157,20 @@ def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Neares
         n = surface.face_normals[here.face]
         behind = wp.dot(p - surface.vertices[surface.faces[here.face, 0]], n) <= wp.float64(0.0)
         for k in range(3):
-            if behind or surface.hollow[here.face, k] or here.feature == _EDGE + k:
-                best = _nearer(surface, surface.neighbours[here.face, k], p, best)
+            across = surface.neighbours[here.face, k]
+            edge = surface.vertices[surface.faces[here.face, (k + 1) % 3]]
+            edge -= surface.vertices[surface.faces[here.face, k]]
+            rises = wp.dot(surface.face_normals[across], wp.cross(edge, n)) < -_MET_M
+            if behind or rises or here.feature == _EDGE + k:
+                other = nearest_on_face(surface, across, p)
+                if other.squared < best.squared:
+                    best = other
         if here.feature >= _VERTEX:
             vertex = surface.faces[here.face, here.feature - _VERTEX]
             for slot in range(surface.ring_starts[vertex], surface.ring_starts[vertex + 1]):
-                best = _nearer(surface, surface.ring_faces[slot], p, best)
+                other = nearest_on_face(surface, surface.ring_faces[slot], p)
+                if other.squared < best.squared:
+                    best = other
         if best.face == here.face:
             break
     return best
@@ -231,26 +215,25 @@ def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64, near
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
-    distance, n, face = wp.length(beside) - surface.rounding, beside, wp.int32(-1)
+    distance, n, best = wp.length(beside) - surface.rounding, beside, Nearest()
     far = wp.max(_FAR_SHARE / surface.per_size, reach)
+    best.face = -1
+    best.squared = (far + surface.rounding) * (far + surface.rounding)
     if distance > far:
         n = wp.normalize(beside)
     else:
-        best = Nearest()
-        scaled = wp.vec3f(away * surface.per_size)
-        longest = (far + surface.rounding) * surface.per_size
         if near >= 0:
-            best = _nearest_from(surface, near, p)
-            least = wp.sqrt(best.squared) * surface.per_size
-            if least < longest:
-                longest = least - _SINGLE
-                face = best.face
-        if longest > wp.float64(0.0):
-            query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(longest))
-            if query.result:
-                best = _nearest_from(surface, query.face, p)
-                face = best.face
-        if face >= 0:
+            other = _nearest_from(surface, near, p)
+            if other.squared < best.squared:
+                best = other
+        scaled = wp.vec3f(away * surface.per_size)
+        least = wp.float32(wp.sqrt(best.squared) * surface.per_size - _SINGLE)
+        query = wp.mesh_query_point_no_sign(surface.tree, scaled, least)
+        if query.result:
+            other = _nearest_from(surface, query.face, p)
+            if best.face < 0 or other.squared < best.squared:
+                best = other
+        if best.face >= 0:
             distance, n = _signed(surface, p, best)
         else:
             down = wp.vec3f(0.0, 0.0, -1.0)
@@ -258,7 +241,7 @@ def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64, near
             distance = far
             if hit.result:
                 distance, n = _signed(surface, p, nearest_on_surface(surface, p))
-    return distance, n, face
+    return distance, n, best.face
 
 
 @wp.func
