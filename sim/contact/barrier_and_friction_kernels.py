@@ -136,8 +136,7 @@ class Pressed:
     poses: Poses
     grip: GripArrays
     positions: wp.array2d(dtype=wp.vec3d)  # of the nodes [m], [environment_count, node_count]
-    # Of every contact point, if triangles press: what was found last; else nothing, shape [0, 0, 0]
-    seen: wp.array3d(dtype=Seen)
+    seen: wp.array3d(dtype=Seen)  # of every contact point, if triangles press; else empty
 
 
 @wp.func

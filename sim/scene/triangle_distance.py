@@ -147,10 +147,8 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
 
 @wp.func
 def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from a face that is near it.
-
-    Over the inside of a face that a point is in front of, only what rises there may be nearer.
-    """
+    """Return the nearest point of a surface, from a face that is near it."""
+    # Over the inside of a face that a point is in front of, only what rises there may be nearer.
     best = nearest_on_face(surface, face, p)
     for _ in range(_MOVES_MAX):
         here = best
@@ -174,14 +172,6 @@ def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Neares
         if best.face == here.face:
             break
     return best
-
-
-@wp.func
-def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from the face that the tree proposes."""
-    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
-    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    return _nearest_from(surface, query.face if query.result else 0, p)
 
 
 @wp.func
@@ -233,14 +223,14 @@ def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64, near
             other = _nearest_from(surface, query.face, p)
             if best.face < 0 or other.squared < best.squared:
                 best = other
+        if best.face < 0:
+            down = wp.vec3f(0.0, 0.0, -1.0)
+            distance = far
+            if wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6)).result:
+                query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
+                best = _nearest_from(surface, query.face, p)
         if best.face >= 0:
             distance, n = _signed(surface, p, best)
-        else:
-            down = wp.vec3f(0.0, 0.0, -1.0)
-            hit = wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6))
-            distance = far
-            if hit.result:
-                distance, n = _signed(surface, p, nearest_on_surface(surface, p))
     return distance, n, best.face
 
 
@@ -259,9 +249,9 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     if wp.abs(away[0]) > reach[0] or wp.abs(away[1]) > reach[1]:
         return BESIDE
     at = wp.vec3d(x, y, surface.centre[2] - reach[2])
-    high, safe, distance = surface.centre[2] + reach[2], at[2], zero
+    high, safe, distance, face = surface.centre[2] + reach[2], at[2], zero, wp.int32(-1)
     for _ in range(_RISES_MAX):
-        distance, n = _signed(surface, at, nearest_on_surface(surface, at))
+        distance, n, face = nearby_distance(surface, at, BESIDE, face)
         if wp.abs(distance) < _MET_M or at[2] > high:
             break
         if distance < zero:
