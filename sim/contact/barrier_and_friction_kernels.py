@@ -163,7 +163,7 @@ def gap_of(at: Pressed, body: Body, b: wp.int32, f: wp.int32, q: wp.int32, x: wp
     gap, n = last.gap - moved, wp.vec3d(last.normal)
     if gap <= reach and (moved > wp.float64(0.0) or last.gap == wp.float64(0.0)):
         gap, n, face = nearby_distance(body.surface, p, _LOOKED * reach, last.next_face - 1)
-        at.seen[b, f, q] = Seen(p, gap, n, face + 1)
+        at.seen[b, f, q] = Seen(p, gap, n, face + 1)  # type: ignore[call-arg]
     return gap, body.rotation * n
 
 
