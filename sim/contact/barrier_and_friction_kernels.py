@@ -26,6 +26,7 @@ import warp as wp
 
 from sim.contact.indenter_distance import Body, Poses, local_point, nearby_gap, posed
 from sim.device import repeatable
+from sim.scene.triangle_distance import nearby_distance
 
 
 @wp.struct
@@ -101,6 +102,8 @@ def hessian(
 
 # A reach within which every gap is exact [m].
 _ALL_M = wp.constant(wp.float64(1.0e3))
+# Of d_hat: as far as triangles are looked for, so that who is off them may move unsought.
+_LOOKED = wp.constant(wp.float64(4.0))
 # Least share of its path for which a point that touches has been held.
 _LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
@@ -115,6 +118,16 @@ class GripArrays:
 
 
 @wp.struct
+class Seen:
+    """Where a contact point was last sought from, in the indenter's frame, and what was found."""
+
+    place: wp.vec3d  # [m]
+    gap: wp.float64  # [m]; 0 at the outset
+    normal: wp.vec3d
+    next_face: wp.int32  # the number after the nearest face's; 0 if none is near
+
+
+@wp.struct
 class Pressed:
     """Surfaces of environments, where they are, and what presses them."""
 
@@ -123,6 +136,7 @@ class Pressed:
     poses: Poses
     grip: GripArrays
     positions: wp.array2d(dtype=wp.vec3d)  # of the nodes [m], [environment_count, node_count]
+    seen: wp.array3d(dtype=Seen)  # of every contact point, if triangles press; else empty
 
 
 @wp.func
@@ -132,6 +146,25 @@ def met(at: Pressed, b: wp.int32, face: wp.int32, point: wp.int32):
     for k in range(at.surface.faces.shape[1]):
         x += at.positions[b, at.surface.faces[face, k]] * at.surface.values[point, k]
     return posed(at.bodies, at.poses, b), x
+
+
+@wp.func
+def gap_of(at: Pressed, body: Body, b: wp.int32, f: wp.int32, q: wp.int32, x: wp.vec3d):
+    """Return a contact point's gap [m] and its gradient, exact up to d_hat.
+
+    A gap changes by no more than the point moves: who was far enough off is not sought again.
+    """
+    reach = at.surface.distance
+    if at.seen.shape[0] == 0:
+        return nearby_gap(body, x, reach)
+    p = local_point(body, x)
+    last = at.seen[b, f, q]
+    moved = wp.length(p - last.place)
+    gap, n = last.gap - moved, wp.vec3d(last.normal)
+    if gap <= reach and (moved > wp.float64(0.0) or last.gap == wp.float64(0.0)):
+        gap, n, face = nearby_distance(body.surface, p, _LOOKED * reach, last.next_face - 1)
+        at.seen[b, f, q] = Seen(p, gap, n, face + 1)  # type: ignore[call-arg]
+    return gap, body.rotation * n
 
 
 @wp.func
@@ -286,7 +319,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         Without the indenter's curvature the stiffness is semidefinite; ``held_back`` has ``least``.
         """
         here, x = met(at, b, f, q)
-        distance, n = nearby_gap(here, x, at.surface.distance)
+        distance, n = gap_of(at, here, b, f, q, x)
         density, slope, change = normal_contact(at.surface, b, distance)
         along = wp.vec3d()
         stiffness = wp.outer(n, n) * change
@@ -348,7 +381,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         b, f, q = wp.tid()
         if wanted[b] > 0:
             here, x = met(at, b, f, q)
-            distance, n = nearby_gap(here, x, at.surface.distance)
+            distance, n = gap_of(at, here, b, f, q, x)
             before, pulled, _tangent = held_back(at, here, b, f, q, x, _EXACT)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]

@@ -128,7 +128,7 @@ def nearby_gap(body: Body, x: wp.vec3d, reach: wp.float64):
     p = local_point(body, x)
     gap, n = wp.float64(0.0), wp.vec3d()
     if body.is_mesh:
-        gap, n = nearby_distance(body.surface, p, reach)
+        gap, n, _face = nearby_distance(body.surface, p, reach, -1)
     else:
         gap, n = _analytic_distance(body, p)
     return gap, body.rotation * n

@@ -146,9 +146,9 @@ def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     """Return the edges' ends and lengths [m], and every tetrahedron's edges and longest edge."""
     ends, of_tets = edges_of(mesh.tets)
     lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    rank = np.empty(len(ends), dtype=np.int64)
-    rank[np.argsort(lengths, kind="stable")] = np.arange(len(ends))
-    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), rank[of_tets].argmax(axis=1)]
+    own = lengths[of_tets]  # of equally long ones the last is the longest
+    longest = np.where(own == own.max(axis=1, keepdims=True), of_tets, -1).max(axis=1)
+    return ends, lengths, of_tets, longest
 
 
 def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:

@@ -36,6 +36,8 @@ _RISES_MAX = wp.constant(60)
 _MET_M = wp.constant(wp.float64(1.0e-10))
 # Of the surface's size: farther than this from it, no exact distance is needed.
 _FAR_SHARE = wp.constant(wp.float64(0.01))
+# Of the surface's size: rounding in the tree.
+_SINGLE = wp.constant(wp.float64(1.0e-7))
 # Faces of a leaf of the tree: four are found in three quarters of the time of one.
 _LEAF = 4
 
@@ -146,13 +148,21 @@ def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Near
 @wp.func
 def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
     """Return the nearest point of a surface, from a face that is near it."""
+    # Over the inside of a face that a point is in front of, only what rises there may be nearer.
     best = nearest_on_face(surface, face, p)
     for _ in range(_MOVES_MAX):
         here = best
+        n = surface.face_normals[here.face]
+        behind = wp.dot(p - surface.vertices[surface.faces[here.face, 0]], n) <= wp.float64(0.0)
         for k in range(3):
-            other = nearest_on_face(surface, surface.neighbours[here.face, k], p)
-            if other.squared < best.squared:
-                best = other
+            across = surface.neighbours[here.face, k]
+            edge = surface.vertices[surface.faces[here.face, (k + 1) % 3]]
+            edge -= surface.vertices[surface.faces[here.face, k]]
+            rises = wp.dot(surface.face_normals[across], wp.cross(edge, n)) < -_MET_M
+            if behind or rises or here.feature == _EDGE + k:
+                other = nearest_on_face(surface, across, p)
+                if other.squared < best.squared:
+                    best = other
         if here.feature >= _VERTEX:
             vertex = surface.faces[here.face, here.feature - _VERTEX]
             for slot in range(surface.ring_starts[vertex], surface.ring_starts[vertex + 1]):
@@ -162,14 +172,6 @@ def _nearest_from(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Neares
         if best.face == here.face:
             break
     return best
-
-
-@wp.func
-def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from the face that the tree proposes."""
-    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
-    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    return _nearest_from(surface, query.face if query.result else 0, p)
 
 
 @wp.func
@@ -194,31 +196,42 @@ def _signed(surface: DeviceSurface, p: wp.vec3d, found: Nearest):
 
 
 @wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64):
-    """Return the distance [m], positive outside, and its gradient.
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d, reach: wp.float64, near: wp.int32):
+    """Return the distance [m], positive outside, its gradient, and the nearest face, -1 if far.
 
     Outside and beyond ``reach`` [m] it may be too small, but not below that.
     Where no face is near, a ray down that meets none tells that the point is outside.
+    A face that may be near, if not -1, shortens the search.
     """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
-    distance, n = wp.length(beside) - surface.rounding, beside
+    distance, n, best = wp.length(beside) - surface.rounding, beside, Nearest()
     far = wp.max(_FAR_SHARE / surface.per_size, reach)
+    best.face = -1
+    best.squared = (far + surface.rounding) * (far + surface.rounding)
     if distance > far:
         n = wp.normalize(beside)
     else:
+        if near >= 0:
+            other = _nearest_from(surface, near, p)
+            if other.squared < best.squared:
+                best = other
         scaled = wp.vec3f(away * surface.per_size)
-        near = wp.float32((far + surface.rounding) * surface.per_size)
-        query = wp.mesh_query_point_no_sign(surface.tree, scaled, near)
+        least = wp.float32(wp.sqrt(best.squared) * surface.per_size - _SINGLE)
+        query = wp.mesh_query_point_no_sign(surface.tree, scaled, least)
         if query.result:
-            distance, n = _signed(surface, p, _nearest_from(surface, query.face, p))
-        else:
+            other = _nearest_from(surface, query.face, p)
+            if best.face < 0 or other.squared < best.squared:
+                best = other
+        if best.face < 0:
             down = wp.vec3f(0.0, 0.0, -1.0)
-            hit = wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6))
             distance = far
-            if hit.result:
-                distance, n = _signed(surface, p, nearest_on_surface(surface, p))
-    return distance, n
+            if wp.mesh_query_ray(surface.tree, scaled, down, wp.float32(1.0e6)).result:
+                query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
+                best = _nearest_from(surface, query.face, p)
+        if best.face >= 0:
+            distance, n = _signed(surface, p, best)
+    return distance, n, best.face
 
 
 @wp.func
@@ -236,9 +249,9 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     if wp.abs(away[0]) > reach[0] or wp.abs(away[1]) > reach[1]:
         return BESIDE
     at = wp.vec3d(x, y, surface.centre[2] - reach[2])
-    high, safe, distance = surface.centre[2] + reach[2], at[2], zero
+    high, safe, distance, face = surface.centre[2] + reach[2], at[2], zero, wp.int32(-1)
     for _ in range(_RISES_MAX):
-        distance, n = _signed(surface, at, nearest_on_surface(surface, at))
+        distance, n, face = nearby_distance(surface, at, BESIDE, face)
         if wp.abs(distance) < _MET_M or at[2] > high:
             break
         if distance < zero:

@@ -11,11 +11,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.barrier_and_friction_kernels import Pressed
+from sim.contact.barrier_and_friction_kernels import Pressed, Seen
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.contact.surface_and_grip import ContactForces, Grip, State
 from sim.device import Device, filled
-from sim.scene.indenter import Indenter, IndenterSet
+from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
 from sim.solve.descent_state import Act, Mode, Status
@@ -117,6 +117,8 @@ class Descents:
         self.positions = device.zeros((count, nodes), wp.vec3d)
         self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
         self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
+        points = (count, *model.surface.areas.shape)
+        seen = isinstance(indenter, MeshIndenter) and not device.is_gpu
         self.pressed = filled(
             Pressed,
             surface=self.surface,
@@ -124,10 +126,10 @@ class Descents:
             poses=self.poses,
             grip=self.grip,
             positions=self.positions,
+            seen=device.zeros(points if seen else (0, 0, 0), Seen),
         )
         self.gel_buffers = model.gel.buffers(count)
         self.contact_buffers = model.surface.buffers(count)
-        points = self.contact_buffers[1].shape
         self.grip_buffers = [device.zeros(points, wp.float64) for _ in range(2)]
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share

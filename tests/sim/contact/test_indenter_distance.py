@@ -6,10 +6,14 @@ from itertools import product
 import numpy as np
 import pytest
 import scipy.spatial
+import warp as wp
 from scipy.spatial.transform import Rotation
 
+from sim.contact.barrier_and_friction_kernels import Seen
 from sim.contact.first_touch import first_touch
+from sim.contact.indenter_distance import poses_at
 from sim.contact.surface_and_grip import ContactOptions
+from sim.device import Device
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import (
     Cylinder,
@@ -128,17 +132,22 @@ def test_distance_and_direction_are_those_of_a_box(
 
 @pytest.mark.parametrize("name", ["ring", "cross"])
 def test_gaps_beyond_the_barrier_are_no_larger_than_they_are(wide_block: Model, name: str) -> None:
-    """Within it and inside they are exact, in a ring's hole and in a corner too."""
+    """Within it and inside they are exact, in a hole and a corner too, and where they are kept."""
     usual = pad_model(brick_mesh((6, 6, 4)), order=ElementOrder.P1)
     body, rotation = OBJECTS[name]().with_edges(5e-5), tilted(0.1, 0.05)
-    tip = np.array([0.3e-3, 0.1e-3, usual.height_m - 0.4e-3])
-    found, exact = (_gaps(each, body, tip, rotation) for each in (usual, wide_block))
-    near = exact < usual.contact_options.distance_m
-    assert near.any()
-    assert not near.all()
-    np.testing.assert_allclose(found[near], exact[near], atol=1e-15)
-    assert np.all(found <= exact + 1e-9)
-    assert found[~near].min() > usual.contact_options.distance_m
+    seen = wp.zeros((1, *usual.surface.areas.shape), dtype=Seen)
+    for shift_m in (0.0, 1e-6, 1e-6, 4e-5, 3e-4, 3.2e-4):
+        tip = np.array([0.3e-3 + shift_m, 0.1e-3, usual.height_m - 0.4e-3 - shift_m])
+        pressed = usual.surface.pressed(usual.nodes, body, usual.rest_state(tip=tip))
+        pressed.poses, pressed.seen = poses_at(tip[None], rotation[None], Device("cpu")), seen
+        exact = _gaps(wide_block, body, tip, rotation)
+        near = exact < usual.contact_options.distance_m
+        assert near.any()
+        assert not near.all()
+        for found in (_gaps(usual, body, tip, rotation), usual.surface.forces_of(pressed).gaps):
+            np.testing.assert_allclose(found[near], exact[near], atol=1e-15)
+            assert np.all(found <= exact + 1e-9)
+            assert found[~near].min() > usual.contact_options.distance_m
 
 
 def test_round_edges_are_as_far_as_a_smaller_box_is(wide_block: Model, box: MeshIndenter) -> None:
