@@ -27,10 +27,7 @@ _COMPILED = re.compile(r"^Module (?P<name>\S+) .* took (?P<ms>[\d.]+) ms\s+\(com
 
 
 class WarpLog:
-    """A logger for ``warp.set_logger``.
-
-    A record of a compiled module goes to ``sim.device.compiled``, its seconds as ``compiled_s``.
-    """
+    """A logger for Warp: compiled modules go to ``sim.device.compiled``, with ``compiled_s``."""
 
     debug = staticmethod(logger.debug)
     error = staticmethod(logger.error)

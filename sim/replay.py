@@ -52,11 +52,9 @@ class ReferencePath:
     scene: Scene
     plan: EffectPlan
     path: LoadingPath
-    # Along the path; of a gel that relaxes, which is pressed anew for each force, at the forces
-    # only
+    # Along the path; of a gel that relaxes, pressed anew for each force, at the forces only
     history: History
-    # Time by the wall or the processor's, whichever is less [s]: others may have worked
-    took_s: float
+    took_s: float  # by the wall or the processor, whichever is less [s]: others may have worked
 
     def is_usable_for(self, scene: Scene, plan: EffectPlan) -> bool:
         """Return whether a press of another stiffness may continue from states of this path."""

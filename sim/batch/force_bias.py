@@ -62,10 +62,7 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
 
 
 def _measured(model: Model, deepest: Scene, most_m: float) -> FloatArray:
-    """Return what ``bias_of`` leaves under a scene's indenter, shape [6].
-
-    Constant, what remains of all, and ``ForceBias.by_force``.
-    """
+    """Return what ``bias_of`` leaves: constant, what remains of that, ``by_force``; shape [6]."""
     pad = deepest.pad
     assert isinstance(pad, BoxPad)  # noqa: S101 - that of a sensor's model is
     half = np.array(pad.half_extents()) - _MARGIN_M

@@ -182,10 +182,7 @@ def _dense(model: Model, whole: int, device: Device) -> Any:
 
 
 def inverted(matrix: Any, device: Device) -> Any:
-    """Invert a symmetric positive definite matrix in its place, shape [size, size].
-
-    The size is a multiple of 64.
-    """
+    """Invert a symmetric positive definite matrix in its place; its size is a multiple of 64."""
     size = matrix.shape[0]
     count = size // kernels.BLOCK
     pivot_inverse = device.zeros((kernels.BLOCK, kernels.BLOCK), wp.float32)

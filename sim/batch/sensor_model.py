@@ -190,10 +190,7 @@ def face_shares(model: Model) -> FloatArray:
 
 
 def quarter_values(model: Model) -> FloatArray:
-    """Return the shape functions of a face at its contact points' images in its quarters.
-
-    Shape [point_count, 4, node_count].
-    """
+    """Return a face's shape functions at points of its quarters, [point_count, 4, node_count]."""
     corners = np.concatenate([np.eye(3), np.eye(3)[np.array(FACE_EDGES)].mean(axis=1)])
     images = np.einsum("qk,pkx->qpx", model.reference.face_points, corners[np.array(QUARTERS)])
     return quadratic_triangle_values(images)

@@ -40,8 +40,7 @@ class ContactOptions:
     # which Newton likes best, and gaps stay positive while the pressure is below kappa / d_hat.
     extension: float = 0.5
     stiffness: float = 8.0  # kappa over E d_hat
-    # By how many times d_hat a point may overlap where the barrier is a parabola altogether
-    overlap: float = 0.0
+    overlap: float = 0.0  # over d_hat, that a point may have where the barrier is all parabola
     many_points: bool = False  # 48 contact points a face, where a corner would cut between 12
 
     @property
@@ -69,8 +68,7 @@ class Grip:
     # Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3]; where it was
     # last, for one that is free
     anchors: FloatArray
-    # Lagged contact pressure along the indenter's normal, in its frame [Pa], shape [..., 3]
-    loads: FloatArray
+    loads: FloatArray  # lagged pressure along the indenter's normal, in its frame [Pa], [..., 3]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -95,8 +93,7 @@ class ContactForces:
     points: FloatArray  # positions [m]
     gaps: FloatArray  # to the indenter [m]; of triangles beyond d_hat it may be less
     forces: FloatArray  # force on the indenter [N]
-    # Derivative of that force by the point's motion, as if the indenter were flat there [N/m]
-    stiffness: FloatArray
+    stiffness: FloatArray  # of the force to motion, as if the indenter were flat there [N/m]
 
 
 _GRIP = [field.name for field in fields(Grip)]
@@ -236,10 +233,7 @@ class ContactSurface:
         state.grip = self.grip_of(pressed.grip)
 
     def grip_arrays(self, grip: Grip | None, count: int = 1) -> Any:
-        """Return a memory on the device, of one press or so many free ones.
-
-        Kernels that know of no grip read nothing of it.
-        """
+        """Return a memory on the device, of one press or so many free ones; tiny without grip."""
         if grip is not None:
             held = {name: getattr(grip, name)[None] for name in _GRIP}
             return self._device.tables(GripArrays, held)

@@ -44,8 +44,7 @@ class PressOutputs:
     force_n: FloatArray  # on the indenter [N], shape [3]
     stiffness_n_m: float  # dF_z / d(depth) [N/m]
     depth_m: float
-    # Largest fall of F_z in a load step on the way that went deeper, over what was left of it
-    fell_relative: float
+    fell_relative: float  # largest fall of F_z in a step that went deeper, over F_z after it
     copies: int  # mirror images that its planes of symmetry make of the gel, itself among them
     centres_m: FloatArray  # of the surface's faces at rest, shape [n, 3]
     areas_m2: FloatArray  # their areas at rest, each with its mirror images, shape [n]

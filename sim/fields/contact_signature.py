@@ -46,10 +46,7 @@ class ContactSignature:
 
     @property
     def sliding_friction(self) -> float:
-        """Sum of the tangential forces' sizes over that of the normal forces'.
-
-        It is mu where every point slides.
-        """
+        """Sum of tangential forces' sizes over that of normal ones'; mu if every point slides."""
         return self.tangential_sum_n / max(self.normal_sum_n, 1e-300)
 
 

@@ -48,8 +48,7 @@ class SurfaceState:
 
     positions_rest: FloatArray  # nodes at rest [m], shape [node_count, 3]
     positions: FloatArray  # the same nodes deformed [m], shape [node_count, 3]
-    # As ``TopSurface`` has them; quadratic ones are straight-sided at rest, parabolic when deformed
-    faces: IntArray
+    faces: IntArray  # as ``TopSurface``; quadratic ones straight at rest, parabolic when deformed
     # The rigid body, or with a wide barrier what lies within d_hat of it; its ``lower_surface(x,
     # y)`` is the height above its own tip
     indenter: Indenter

@@ -31,8 +31,7 @@ class TetMesh:
     # Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the mesh was
     # made for a gel of one material
     layers: IntArray | None = None
-    # Axis about which it was revolved, x and y [m]; None where it was not
-    axis_m: tuple[float, float] | None = None
+    axis_m: tuple[float, float] | None = None  # axis of revolution, x and y [m]; None for none
 
     @property
     def labels(self) -> IntArray:

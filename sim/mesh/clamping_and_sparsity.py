@@ -26,11 +26,9 @@ _ON_BASE = 1e-6
 class SparsePattern:
     """Upper triangle of a symmetric matrix over the free degrees of freedom."""
 
-    # Position of each unknown in the flat nodal vector, shape [dof_count]
-    free_dofs: NDArray[np.int64]
+    free_dofs: NDArray[np.int64]  # place of each unknown in the flat nodal vector, [dof_count]
     block_row: IntArray  # block row of each node, -1 where it is fixed, shape [node_count]
-    # Sorted row * row_count + column of each block, shape [block_count]
-    block_keys: NDArray[np.int64]
+    block_keys: NDArray[np.int64]  # sorted row * row_count + column of each block, [block_count]
     indptr: IntArray  # CSR row starts, shape [dof_count + 1]
     indices: IntArray  # CSR columns, sorted, diagonal included
     gather: NDArray[np.int64]  # position of each CSR value in the flat blocks, shape [nnz]

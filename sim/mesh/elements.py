@@ -36,20 +36,16 @@ class ElementOrder(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceElement:
-    """Tables of one element type."""
+    """Tables of one element type: its shape functions, on faces too, their gradients and points."""
 
     order: ElementOrder
-    # Shape function gradients in reference coordinates, shape [point_count, node_count, 3]
-    gradients: FloatArray
+    gradients: FloatArray  # in reference coordinates, shape [point_count, node_count, 3]
     points: FloatArray  # barycentric coordinates of the quadrature points, shape [point_count, 4]
     weights: FloatArray  # quadrature weights that sum to one, shape [point_count]
-    # Shape functions of a face at its contact points, shape [face_point_count, face_node_count]
-    face_values: FloatArray
-    # Their derivatives along the edges 01 and 02, shape [face_point_count, face_node_count, 2]
-    face_gradients: FloatArray
+    face_values: FloatArray  # at contact points, shape [face_point_count, face_node_count]
+    face_gradients: FloatArray  # along edges 01 and 02, [face_point_count, face_node_count, 2]
     face_weights: FloatArray  # contact quadrature weights that sum to one, shape [face_point_count]
-    # Barycentric coordinates of the contact points, shape [face_point_count, 3]
-    face_points: FloatArray
+    face_points: FloatArray  # contact points' barycentric coordinates, [face_point_count, 3]
 
     @property
     def node_count(self) -> int:

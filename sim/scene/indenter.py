@@ -65,11 +65,7 @@ class _Round:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder(_Round):
-    """Flat-ended punch with its axis along z.
-
-    Attributes:
-        fillet_m: Radius of the rounded edge of the flat end [m]; 0 is a sharp rim.
-    """
+    """Flat-ended punch along z; ``fillet_m`` is the radius of its end's edge [m], 0 if sharp."""
 
     fillet_m: float = 0.0
 
@@ -155,10 +151,7 @@ Indenter = Cylinder | Sphere | Plane | MeshIndenter
 
 
 def grown(indenter: Indenter, by_m: float) -> Indenter:
-    """Return what lies within a distance of a body [m]; its tip lies lower by as much.
-
-    A plate is returned as it is.
-    """
+    """Return what lies within a distance of a body [m], its tip lower by as much; a plate as is."""
     if isinstance(indenter, Cylinder):
         fillet = indenter.fillet_m + by_m
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m, fillet_m=fillet)
@@ -271,11 +264,7 @@ class TurnedIndenter:
     def _underside(self) -> Callable[[FloatArray, FloatArray], FloatArray]:
         from sim.scene.triangle_distance import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        return underside(self._triangles(), rounding_m=self._rounding_m)
-
-    @property
-    def _rounding_m(self) -> float:
-        return self.indenter.rounding_m if isinstance(self.indenter, MeshIndenter) else 0.0
+        return underside(self._triangles(), rounding_m=getattr(self.indenter, "rounding_m", 0.0))
 
     def reach(self) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest x and y of the body [m], shape [2] each."""
@@ -291,7 +280,8 @@ class TurnedIndenter:
             wide, end = fillet + (radius - fillet) * shares, radius * shares
             return np.minimum(low - wide, high - end), np.maximum(low + wide, high + end)
         plan = self._triangles().vertices[:, :2]
-        return plan.min(axis=0) - self._rounding_m, plan.max(axis=0) + self._rounding_m
+        rounding_m = self.indenter.rounding_m
+        return plan.min(axis=0) - rounding_m, plan.max(axis=0) + rounding_m
 
     def _triangles(self) -> TriangleSurface:
         if isinstance(self.indenter, Cylinder):

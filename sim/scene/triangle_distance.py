@@ -292,10 +292,7 @@ def _lowest_heights(
 def underside(
     surface: TriangleSurface, *, rounding_m: float = 0.0
 ) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Return the lowest height by points of the plan, of one shape together; inf beside it.
-
-    The surface is uploaded once.
-    """
+    """Return the lowest height by x and y, inf beside the surface, which is uploaded once."""
     device = Device("cpu")
     uploaded = on_device(surface, device.name, rounding_m=rounding_m)
 

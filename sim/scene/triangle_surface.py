@@ -115,8 +115,7 @@ class TriangleSurface:
     # corner k to the next
     faces: IntArray
     neighbours: IntArray  # the face across each edge, shape [face_count, 3]
-    # Where the faces of each vertex begin in ``ring_faces``, shape [vertex_count + 1]
-    ring_starts: IntArray
+    ring_starts: IntArray  # where each vertex's faces begin in ``ring_faces``, [vertex_count + 1]
     ring_faces: IntArray  # faces around the vertices, shape [3 face_count]
     face_normals: FloatArray  # unit normals, shape [face_count, 3]; zero for a face without area
     vertex_normals: FloatArray  # angle-weighted unit normals, shape [vertex_count, 3]

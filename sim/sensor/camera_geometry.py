@@ -28,8 +28,7 @@ class CameraGeometry:
     centre_y_px: float  # row that sees the pad's centre
     rotation_rad: float = 0.0  # from the pad's x axis to the direction of growing columns [rad]
     mirrored: bool = False  # true where rows grow with -y
-    # Part of the raw frame's width or height that is cut off at each border before it is resized
-    crop_fraction: float = 0.0
+    crop_fraction: float = 0.0  # of the raw frame's sides, cut off at each border before resizing
     # Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen farther from
     # the image's middle. Infinite is a view by parallel rays.
     distance_m: float = math.inf

@@ -151,9 +151,9 @@ class Sensor:
         own = {name: getattr(self, name) for name in ("pad", "material", "layers", "tetwild")}
         return Scene(indenter=indenter, target=target, **{**own, "sensor": self.name, **further})
 
-    def relaxing(self, terms: tuple[RelaxationTerm, ...]) -> Sensor:
-        """Return the sensor with a gel, all of its layers, that relaxes by these terms."""
-        return self._of(lambda material: replace(material, relaxation=terms))
+    def with_gel(self, **changes: Any) -> Sensor:
+        """Return the sensor with other fields of ``Material`` in its gel, in all of its layers."""
+        return self._of(lambda material: replace(material, **changes))
 
     def stiffer(self, factor: float) -> Sensor:
         """Return the sensor with a gel, all of its layers, that is so many times as stiff."""
@@ -166,10 +166,6 @@ class Sensor:
             ConfigError: One is not below 0.5 then.
         """
         return self._of(lambda material: replace(material, poisson=material.poisson + more))
-
-    def with_law(self, law: str) -> Sensor:
-        """Return the sensor with a gel, all of its layers, that follows this law."""
-        return self._of(lambda material: replace(material, law=law))
 
     def _of(self, changed: Callable[[Material], Material]) -> Sensor:
         layers = tuple(replace(layer, material=changed(layer.material)) for layer in self.layers)
@@ -252,7 +248,7 @@ def _sensor_of(data: dict[str, Any], origin: str, folder: Path) -> Sensor:
             "numbers": _numbers(file),
         }
         terms = _relaxation(file.relaxation)
-    return Sensor(**sensor, optics=parse_optics(data, origin)).relaxing(terms)
+    return Sensor(**sensor, optics=parse_optics(data, origin)).with_gel(relaxation=terms)
 
 
 def _numbers(file: _File) -> dict[str, Measured]:

@@ -209,8 +209,8 @@ class Descents:
         for array in (self.memory.counts, self.memory.next):
             array.zero_()
 
-    def place(self, b: int, state: State, *, grip_start: Grip | None) -> None:
-        """Put an environment into a state; given is also what it held before the step."""
+    def place(self, state: State, *, grip_start: Grip | None) -> None:
+        """Put the only environment into a state, with its grip before the step; forget forces."""
         given = [
             (self.positions, state.positions),
             (self.poses.tips, state.tip),
@@ -223,12 +223,9 @@ class Descents:
                 given += [(getattr(arrays, name), getattr(grip, name)) for name in names]
         for array, values in given:
             if self._device.is_gpu:
-                array[b : b + 1].assign(np.ascontiguousarray(values)[None])
+                array[:1].assign(np.ascontiguousarray(values)[None])
             else:
-                array.numpy()[b] = values
-
-    def clear(self) -> None:
-        """Set the sums of the forces to zero, for an evaluation that begins anew."""
+                array.numpy()[0] = values
         for array in (self.gel_buffers[0], self.contact_buffers[0]):
             array.zero_()
 

@@ -52,8 +52,7 @@ class Reuse:
     """What is kept from step to step; a small pad's factor costs as much as ten to fifteen."""
 
     memory: int = 16
-    # A state begins with a new factor if the last one took more evaluations
-    evaluations_max: int = 10
+    evaluations_max: int = 10  # a state begins with a new factor if the last took more evaluations
     # In a state, after so many steps with a factor, it is renewed if the residual is still more
     # than this share of the contact force
     patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
@@ -173,7 +172,7 @@ class EquilibriumSolver:
                 checked=0,
                 rough=1,
             )
-            self._upload(state, grip_start)
+            descents.place(state, grip_start=grip_start)
             if begins_anew:
                 self.take_factor(state)
             first, status = self.evaluations, self._run(state, grip_start)
@@ -242,7 +241,7 @@ class EquilibriumSolver:
             if status == Status.ASKS_START:
                 self._look_at_start(state)
                 self.take_factor(state)
-                self._upload(state, grip_start)
+                descents.place(state, grip_start=grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
                 self.take_factor(state, first=int(status == Status.ASKS_SAFER_FACTOR))
@@ -289,7 +288,3 @@ class EquilibriumSolver:
     def _now(self, name: str) -> float:
         """Return one of the descent's numbers."""
         return float(self._descents.get(name)[0])
-
-    def _upload(self, state: State, grip_start: Grip | None) -> None:
-        self._descents.place(0, state, grip_start=grip_start)
-        self._descents.clear()

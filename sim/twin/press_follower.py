@@ -175,10 +175,7 @@ class Follower:
         self.unloaded(None)
 
     def unloaded(self, background: ImageArray | None) -> None:
-        """Take the no-contact frame, RGB, uint8, of the size of ``view``, for images from now on.
-
-        None is evenly grey.
-        """
+        """Take a no-contact frame, RGB, uint8, of ``view``'s size, for later; None is even grey."""
         self._images = SurfaceImages(
             self._drawn_from,
             self._scene.indenter,

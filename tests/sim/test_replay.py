@@ -108,10 +108,10 @@ def test_the_same_gel_continues_from_its_own_reference_path(beyond: float) -> No
 @pytest.mark.slow
 def test_a_gel_that_relaxes_is_pressed_anew_without_a_reference_path() -> None:
     """Its stress does not scale with stiffness at the same time."""
-    term = RelaxationTerm(share=0.2, time_s=1.0)
-    sensors = [load_sensor("gelsight-mini").stiffer(k).relaxing((term,)) for k in (1.0, 1.1)]
+    terms = (RelaxationTerm(share=0.2, time_s=1.0),)
+    gel = load_sensor("gelsight-mini").with_gel(relaxation=terms)
     scene, other = (
-        replay_scene(sensor, PUNCH, FORCES[1:], preset=Preset.FAST) for sensor in sensors
+        replay_scene(gel.stiffer(k), PUNCH, FORCES[1:], preset=Preset.FAST) for k in (1.0, 1.1)
     )
     reference = reference_path(scene, FORCES[1:], keep_states=True)
     assert not reference.is_usable_for(other, reference.plan)
@@ -200,7 +200,7 @@ def test_a_gel_that_relaxes_is_pressed_in_the_time_it_took() -> None:
     Of a straight ramp 1 - exp(-x) over x is left, x = 2/3: 8 % more stiffness than for ever.
     """
     sensor = load_sensor("gelsight-mini")
-    relaxing = sensor.relaxing((RelaxationTerm(share=0.1, time_s=3.0),))
+    relaxing = sensor.with_gel(relaxation=(RelaxationTerm(share=0.1, time_s=3.0),))
 
     def depths(gel: Sensor, duration_s: float) -> list[float]:
         scene = replay_scene(gel, PUNCH, FORCES, preset=Preset.FAST, duration_s=duration_s)

@@ -48,8 +48,7 @@ class Law:
     # (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the undeformed pad
     # is no equilibrium.
     rest_stress: Callable[[float, float], float] = lambda _young_pa, _poisson: 0.0
-    # The energy does not see rotations. A law that is not objective is quadratic in F - 1.
-    is_objective: bool = True
+    is_objective: bool = True  # the energy sees no rotations; else it is quadratic in F - 1
 
 
 def law(name: str) -> Law:

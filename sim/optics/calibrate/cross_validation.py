@@ -165,8 +165,7 @@ class PressScores:
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
-    # Norm of the error over that of the real change, 1.1 to 2.2 radii from the contacts' centres
-    ring_residual: float
+    ring_residual: float  # norm of the error over that of the real change, at 1.1 to 2.2 radii
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,7 +313,11 @@ def check_before(
     presses: Sequence[BallPress], geometry: CameraGeometry, *, ball_radius_m: float
 ) -> list[str]:
     """Return warnings of presses that nothing is fitted to yet; refuse those of no use."""
+    shares = {}
     for press in presses:
+        inside = press.image[contact_mask(press.circle, *press.image.shape[:2])]
+        saturated = ~exposed(inside).all(axis=-1)
+        shares[press.name] = float(np.mean(saturated)) if inside.size else 0.0
         radius_m = press.circle.radius_px * geometry.mean_scale_m
         if radius_m >= LARGEST * ball_radius_m or radius_m**2 < 2.0 * _SHALLOWEST_M * ball_radius_m:
             raise ConfigError(
@@ -324,7 +327,6 @@ def check_before(
             )
     few = f"only {len(presses)} presses: {_FEW} or more, all over the image, are wanted"
     warnings = [few] if len(presses) < _FEW else []
-    shares = {press.name: _saturated_share(press) for press in presses}
     bad = [name for name, share in shares.items() if share > _SATURATED_WARN]
     worst = float(np.median(list(shares.values())))
     if worst > _SATURATED_REFUSE:
@@ -406,11 +408,6 @@ def check_session(scores: CheckScores) -> list[str]:
             "no-contact frame: camera or gel moved in between; take it anew"
         )
     return warnings
-
-
-def _saturated_share(press: BallPress) -> float:
-    inside = press.image[contact_mask(press.circle, *press.image.shape[:2])]
-    return float(np.mean(~exposed(inside).all(axis=-1))) if inside.size else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

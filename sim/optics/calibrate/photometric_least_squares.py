@@ -104,10 +104,7 @@ class NormalEquations:
         return cls(**{name: sum(getattr(part, name) for part in parts) for name in names})
 
     def solved(self, ridge: float | FloatArray) -> FloatArray:
-        """Return each colour's coefficients, shape [3, n]; the ridge holds them down per sample.
-
-        It may be one for each of them, shape [n].
-        """
+        """Return colours' coefficients, [3, n], held down per sample by one ridge or by [n]."""
         held = self.normal + ridge * self.sample_count * np.eye(self.normal.shape[-1])
         return np.asarray(np.linalg.solve(held, self.load[..., None])[..., 0])
 
@@ -237,10 +234,7 @@ def fit_response(
 
 
 def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:
-    """Return where a parabola through the lowest misfit and its two neighbours is lowest.
-
-    Places are evenly spaced.
-    """
+    """Return the least misfit's place by a parabola through three of them; places evenly spaced."""
     best = int(np.argmin(misfit))
     left, middle, right = misfit[best - 1 : best + 2]
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)

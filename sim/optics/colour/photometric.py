@@ -168,10 +168,7 @@ class ShadingTerms:
         return _PLACES * (len(self.lamps) + 1)
 
     def values(self, tilt: RealArray, position: RealArray, curvature: RealArray) -> RealArray:
-        """Return the terms at n normalised pixel positions, shape [count, n].
-
-        The curvature is the divergence of the tilt [1/m].
-        """
+        """Return the terms at normalised pixels, [count, n]; curvature is div(tilt) [1/m]."""
         upright = np.sqrt(np.maximum(1.0 - tilt[0] ** 2 - tilt[1] ** 2, 0.0))
         place = np.stack([position[0], position[1] * self.aspect])
         basic = []

@@ -175,10 +175,7 @@ class SurfaceHeights:
         self._draw(positions, tips, rotations, [dent_out, *self._no_map])
 
     def maps(self, positions: Any, tips: Any, rotations: Any) -> tuple[Any, Any]:
-        """Return heights [m], float64, and where the gel touches, uint8, [count, height * width].
-
-        Args are those of ``dents``.
-        """
+        """Return heights [m], float64, and touch, uint8, [count, height * width]; see ``dents``."""
         pixels = (self._count, self._size[0] * self._size[1])
         loaded, contact = (self._device.empty(pixels, kind) for kind in (wp.float64, wp.uint8))
         self._draw(positions, tips, rotations, [self._no_dent, loaded, contact])

@@ -194,10 +194,7 @@ def marker_places(grid: MarkerGrid) -> FloatArray:
 def draw_markers(
     image: ImageArray, places: FloatArray, radius_m: float, geometry: CameraGeometry
 ) -> ImageArray:
-    """Print dots over an image, RGB, uint8, with edges softened over one pixel.
-
-    Their centres on the pad are of shape [n, 2] [m].
-    """
+    """Print dots at places on the pad [m], [n, 2], over RGB, uint8, soft-edged over one pixel."""
     away = cKDTree(places).query(np.stack(geometry.pad_grid(), axis=-1))[0]
     inside = (radius_m - away) / geometry.mean_scale_m
     cover = np.clip(inside / _EDGE_PX + 0.5, 0.0, 1.0)

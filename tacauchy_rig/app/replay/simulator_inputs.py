@@ -188,8 +188,8 @@ def sensor_of(config: RigConfig) -> Sensor:
         raise ConfigError(
             f"replay.law: {law!r} is no law", remedy=f"one of: {', '.join(names(Kind.LAW))}"
         )
-    sensor = replace(sensor, material=material).with_law(law)
-    return sensor if config.replay.relaxation else sensor.relaxing(())
+    sensor = replace(sensor, material=material).with_gel(law=law)
+    return sensor if config.replay.relaxation else sensor.with_gel(relaxation=())
 
 
 def indenter_of(config: RigConfig) -> Indenter:

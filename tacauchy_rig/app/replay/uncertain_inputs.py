@@ -87,7 +87,7 @@ def force_inputs(
     inputs, how = _quick(inputs, most_m)
 
     def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
-        scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)
+        scene = replace(changed, sensor=changed.sensor.with_gel(relaxation=())).scene(stiffest_n)
         scene = replace(scene, indenter=rounded_rim(scene.indenter))
         return kept_forces(
             scene, tried_m.tolist(), refinement=refinement, contact_force_n=contact_n
@@ -435,7 +435,7 @@ class _Again:
     ) -> list[SurfaceState]:
         """Press to rising forces [N]; None is those that were measured."""
         measured = [press.force_n for press in self.presses]
-        plain = replace(inputs, sensor=inputs.sensor.relaxing(()), tolerance=None)
+        plain = replace(inputs, sensor=inputs.sensor.with_gel(relaxation=()), tolerance=None)
         # One mesh for all: under a ball it follows the largest force.
         scene = plain.scene([_MORE * measured[-1]])
         coarse = replace(

@@ -117,7 +117,7 @@ def test_the_corrected_inverse_is_that_of_gel_and_contact(friction: float, pushe
     state = model.rest_state(tip=np.array([0.5e-3, 0.0, PAD.height_m - 0.05e-3]))
     state.extension = model.contact_options.extension
     model.surface.refresh_grip(ball, state)
-    descents.place(0, state, grip_start=state.grip)
+    descents.place(state, grip_start=state.grip)
     descents.set(act=Act.SOLVE, since=0, pushed=int(pushed))
     size = model.pattern.dof_count
     asked = np.zeros((1, size + 1))

@@ -112,7 +112,7 @@ def test_a_gel_relaxes_as_its_file_says() -> None:
     terms = sensor.material.relaxation
     assert [(term.share, term.time_s) for term in terms] == [(0.03, 0.3), (0.04, 3.0)]
     assert all(layer.material.relaxation == terms for layer in sensor.layers)
-    assert sensor.relaxing(()) == parse_sensor(LAYERED, origin="mine.toml")
+    assert sensor.with_gel(relaxation=()) == parse_sensor(LAYERED, origin="mine.toml")
 
 
 GEL = TEXT[TEXT.index("[material]") : TEXT.index("[camera]")]

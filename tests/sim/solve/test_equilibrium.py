@@ -209,7 +209,7 @@ def test_a_factor_that_hardly_holds_the_ball_lowers_it_by_little(
         checked=1,
         rough=0,
     )
-    solver._upload(state, state.grip)
+    descents.place(state, grip_start=state.grip)
     descents.step()
     assert 0.0 < before - descents.poses.tips.numpy()[0, 2] < 0.05 * model.height_m
 
@@ -226,7 +226,7 @@ def _evaluated(
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Return the gel's and contact's gradients [N], energy [J] and gaps [m] that descents find."""
     descents = solver._descents
-    solver._upload(state, state.grip)
+    descents.place(state, grip_start=state.grip)
     descents.set(wanted=1)
     descents.evaluate()
     elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_buffers)

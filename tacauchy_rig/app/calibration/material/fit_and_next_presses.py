@@ -115,7 +115,7 @@ class Response:
 
 def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
     """Solve an indenter's presses. ConvergenceError: One finds no equilibrium."""
-    inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
+    inputs = replace(presses.inputs, sensor=presses.inputs.sensor.with_gel(relaxation=()))
     step_m = _STEP * inputs.sensor.pad.height_m
     deepest_m = _BEYOND * (float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m)
     depths_m = step_m * np.ceil(deepest_m / step_m) * np.array(_SHARES)
@@ -139,7 +139,7 @@ def _areas_at(
     node: tuple[float, float, str], *, inputs: ReplayInputs, depths_m: FloatArray
 ) -> FloatArray:
     gel = gel_of(inputs, *node[:2])
-    scene = replace(gel, sensor=gel.sensor.with_law(node[2])).scene([1.0])
+    scene = replace(gel, sensor=gel.sensor.with_gel(law=node[2])).scene([1.0])
     forces = kept_forces(scene, depths_m.tolist(), refinement=_REFINEMENT)
     # The rule of that mesh was fitted without friction; against the emulator it holds with it too.
     frictionless = replace(scene, contact=ContactMode.FRICTIONLESS)
@@ -508,7 +508,7 @@ def next_presses(fit: GelFit) -> list[NextPress]:
     now = np.sqrt(np.diag(known))
     widest = int(np.argmax(now / _RANGES))
     presses, have = fit.data[0][0], {each.name for each, _ in fit.data}
-    inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
+    inputs = replace(presses.inputs, sensor=presses.inputs.sensor.with_gel(relaxation=()))
     depths = inputs.sensor.pad.height_m * np.array(_DEPTH_SHARES)
     found = []
     for text in (text for text in CANDIDATES if text not in have):
