@@ -8,6 +8,7 @@ import logging
 import math
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -156,6 +157,7 @@ class Stepping:
     inertia: Inertia | None = None  # mass of the nodes, for a path in time
     reuse: Reuse | None = None  # what the solver keeps between steps; None as the size calls for
     keeps_all: bool = False  # keep every equilibrium, not the last ones only
+    rounder: Indenter | None = None  # gel slips past its rim first where a phase ends
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
@@ -296,6 +298,8 @@ class Stepping:
             state, fraction = self._along_tangent(point, phase, advance)
         self.begin(None if pace is None else pace * fraction * abs(advance))
         taken = fraction * advance
+        if not phase.is_short_of(at + taken):
+            self.slip(state, phase.load_at(at + taken))
         found = self.settle(
             state,
             load_n=phase.load_at(at + taken),
@@ -387,6 +391,17 @@ class Stepping:
             and np.array_equal(each.state.rotation, point.state.rotation)
         ]
         return known, at
+
+    def slip(self, state: State, load_n: float | None) -> None:
+        """Move a state to the equilibrium that a rounder rim leads to, whatever the way there."""
+        trial, options = state.copy(), replace(self.options, residual_relative=_INTERMEDIATE)
+        held = None if load_n is None else load_n / self.model.mesh.symmetry.copies
+        with suppress(ConvergenceError):
+            for body in (self.rounder, self.indenter) if self.rounder else ():
+                solver = EquilibriumSolver(self.model, body, self.solver.factor.potential)
+                solver.settle(trial, load_n=held, options=options)
+                trial.grip, trial.extension = state.copy().grip, state.extension
+            state.positions, state.tip = trial.positions, trial.tip
 
     def settle(
         self,
