@@ -175,9 +175,7 @@ def finest_edge_m(scene: Scene) -> float:
     return _grading(scene, _resolution(scene)).size_m
 
 
-def regularised_indenter(
-    scene: Scene, *, refinement: float = 1.0, rounder: float = 1.0
-) -> Indenter:
+def regularised_indenter(scene: Scene, *, refinement: float = 1.0, wider: float = 1.0) -> Indenter:
     """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge."""
     indenter = scene.indenter
     if scene.preset is Preset.PAPER:
@@ -193,7 +191,7 @@ def regularised_indenter(
         return indenter
     edge_m = finest_edge_m(scene) / (scene.refinement * refinement)
     share = _SLIPPED_RIM_SHARE if slips(scene) else _RIM_SHARE
-    fillet_m = rounder * min(share * edge_m, _RIM_SHARE * expected_depth(scene))
+    fillet_m = wider * min(share * edge_m, _RIM_SHARE * expected_depth(scene))
     return replace(indenter, fillet_m=min(fillet_m, indenter.radius_m))
 
 

@@ -85,7 +85,7 @@ def path_for(
     densities = np.array([material.density_kg_m3 for material in scene.materials])
     density = densities[model.mesh.labels]
     step_s = _longer(scene) * scene.duration_s / TIME_STEPS
-    rounder = regularised_indenter(scene, refinement=refinement, rounder=ROUNDER)
+    rounder = regularised_indenter(scene, refinement=refinement, wider=ROUNDER)
     return LoadingPath(
         model,
         regularised_indenter(scene, refinement=refinement),

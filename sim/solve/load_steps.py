@@ -298,14 +298,13 @@ class Stepping:
             state, fraction = self._along_tangent(point, phase, advance)
         self.begin(None if pace is None else pace * fraction * abs(advance))
         taken = fraction * advance
-        if not phase.is_short_of(at + taken):
-            self.slip(state, phase.load_at(at + taken))
         found = self.settle(
             state,
             load_n=phase.load_at(at + taken),
             must_touch=type(phase) is Phase and advance > 0.0 and self.must_touch(at + taken),
             intermediate=self.inertia is None and phase.is_short_of(at + taken),
             before=point,
+            ends=not phase.is_short_of(at + taken),
         )
         return found, taken
 
@@ -392,17 +391,6 @@ class Stepping:
         ]
         return known, at
 
-    def slip(self, state: State, load_n: float | None) -> None:
-        """Move a state to the equilibrium that a rounder rim leads to, whatever the way there."""
-        trial, options = state.copy(), replace(self.options, residual_relative=_INTERMEDIATE)
-        held = None if load_n is None else load_n / self.model.mesh.symmetry.copies
-        with suppress(ConvergenceError):
-            for body in (self.rounder, self.indenter) if self.rounder else ():
-                solver = EquilibriumSolver(self.model, body, self.solver.factor.potential)
-                solver.settle(trial, load_n=held, options=options)
-                trial.grip, trial.extension = state.copy().grip, state.extension
-            state.positions, state.tip = trial.positions, trial.tip
-
     def settle(
         self,
         state: State,
@@ -411,6 +399,7 @@ class Stepping:
         must_touch: bool = False,
         intermediate: bool,
         before: PathPoint | None = None,
+        ends: bool = False,
     ) -> PathPoint:
         """Find the equilibrium, friction's lagged pressure included, or raise ConvergenceError.
 
@@ -420,6 +409,7 @@ class Stepping:
             must_touch: An equilibrium in which nothing presses is none.
             intermediate: To 0.01 % or less will do.
             before: The point that was gone on from.
+            ends: Go by way of what a rounder rim leads to, which is the same from any start.
         """
         solver, model, options = self.solver, self.model, self.options
         wanted = options.residual_relative
@@ -428,6 +418,14 @@ class Stepping:
             load_n = load_n / model.mesh.symmetry.copies
             wanted, rougher = min(wanted, options.load_relative), _INTERMEDIATE
         options = replace(options, residual_relative=rougher if intermediate else wanted)
+        if ends and self.rounder is not None:
+            with suppress(ConvergenceError):
+                trial, rough = state.copy(), replace(options, residual_relative=_INTERMEDIATE)
+                for body in (self.rounder, self.indenter):
+                    slipping = EquilibriumSolver(model, body, solver.factor.potential)
+                    slipping.settle(trial, load_n=load_n, options=rough)
+                    trial.grip, trial.extension = state.copy().grip, state.extension
+                state.positions, state.tip = trial.positions, trial.tip
         found = solver.settle(state, load_n=load_n, must_touch=must_touch, options=options)
         if model.contact_options.bonded:
             model.surface.refresh_grip(solver.indenter, state)
