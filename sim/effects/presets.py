@@ -69,6 +69,9 @@ _MOVED_SIZE_MAX_M = 4e-3
 # edge, and tends to 2.986 N. Half an edge is 1 to 2 % too soft where the depth is less.
 # Twice as much past an acute corner, where faces would stretch without end, takes 0.8 % off F_z.
 _RIM_SHARE = 0.25
+# Of an edge where gel slips: with less it slips half an edge at a time, at another depth on the way
+# down than up, by 0.8 % of F_z. Where a press ends it slips past a rim so many times rounder first.
+_SLIPPED_RIM_SHARE, ROUNDER = 0.5, 6.0
 # Of the depth: as much of a pointed tip may be cut off by that.
 _BLUNTED_SHARE = 0.05
 
@@ -121,7 +124,7 @@ def build_model(
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
         slip_m=_SHEAR_SLIP_M if Output.SHEAR in scene.outputs else ContactOptions().slip_m,
-        many_points=meshes.is_cut(scene),
+        many_points=meshes.is_cut(scene) or slips(scene),
         extension=1.0 if scene.has_wide_barrier else ContactOptions().extension,
     )
     return Model(
@@ -172,7 +175,7 @@ def finest_edge_m(scene: Scene) -> float:
     return _grading(scene, _resolution(scene)).size_m
 
 
-def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
+def regularised_indenter(scene: Scene, *, refinement: float = 1.0, wider: float = 1.0) -> Indenter:
     """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge."""
     indenter = scene.indenter
     if scene.preset is Preset.PAPER:
@@ -187,7 +190,15 @@ def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
     if not isinstance(indenter, Cylinder) or indenter.fillet_m > 0.0:
         return indenter
     edge_m = finest_edge_m(scene) / (scene.refinement * refinement)
-    return replace(indenter, fillet_m=_RIM_SHARE * min(edge_m, expected_depth(scene)))
+    share = _SLIPPED_RIM_SHARE if slips(scene) else _RIM_SHARE
+    fillet_m = wider * min(share * edge_m, _RIM_SHARE * expected_depth(scene))
+    return replace(indenter, fillet_m=min(fillet_m, indenter.radius_m))
+
+
+def slips(scene: Scene) -> bool:
+    """Return whether gel slips past a sharp rim of a press that is no rough one."""
+    is_rough = scene.preset in (Preset.FAST, Preset.PAPER)
+    return scene.has_sharp_rim and scene.contact is not ContactMode.BONDED and not is_rough
 
 
 def _scene_resolution(scene: Scene, given: meshes.Resolution | None) -> meshes.Resolution:

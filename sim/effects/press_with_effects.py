@@ -18,7 +18,7 @@ import scipy
 from sim.contact.surface_and_grip import Grip, State
 from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
 from sim.effects.planned_effects import EffectPlan, full_plan
-from sim.effects.presets import build_model, regularised_indenter
+from sim.effects.presets import ROUNDER, build_model, regularised_indenter, slips
 from sim.effects.press_outputs import PressOutputs, outputs_of
 from sim.mesh.elements import EDGES
 from sim.scene.indenter import MeshIndenter, tilted
@@ -85,6 +85,7 @@ def path_for(
     densities = np.array([material.density_kg_m3 for material in scene.materials])
     density = densities[model.mesh.labels]
     step_s = _longer(scene) * scene.duration_s / TIME_STEPS
+    rounder = regularised_indenter(scene, refinement=refinement, wider=ROUNDER)
     return LoadingPath(
         model,
         regularised_indenter(scene, refinement=refinement),
@@ -96,6 +97,7 @@ def path_for(
         options=_options(scene),
         reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
         keeps_all=keeps_all,
+        rounder=rounder if slips(scene) else None,
     )
 
 

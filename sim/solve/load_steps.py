@@ -8,6 +8,7 @@ import logging
 import math
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -156,6 +157,7 @@ class Stepping:
     inertia: Inertia | None = None  # mass of the nodes, for a path in time
     reuse: Reuse | None = None  # what the solver keeps between steps; None as the size calls for
     keeps_all: bool = False  # keep every equilibrium, not the last ones only
+    rounder: Indenter | None = None  # gel slips past its rim first where a phase ends
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     touch_m: float = field(init=False)  # tip height from which depth counts [m]
@@ -302,6 +304,7 @@ class Stepping:
             must_touch=type(phase) is Phase and advance > 0.0 and self.must_touch(at + taken),
             intermediate=self.inertia is None and phase.is_short_of(at + taken),
             before=point,
+            ends=not phase.is_short_of(at + taken),
         )
         return found, taken
 
@@ -396,6 +399,7 @@ class Stepping:
         must_touch: bool = False,
         intermediate: bool,
         before: PathPoint | None = None,
+        ends: bool = False,
     ) -> PathPoint:
         """Find the equilibrium, friction's lagged pressure included, or raise ConvergenceError.
 
@@ -405,6 +409,7 @@ class Stepping:
             must_touch: An equilibrium in which nothing presses is none.
             intermediate: To 0.01 % or less will do.
             before: The point that was gone on from.
+            ends: Go by way of what a rounder rim leads to, which is the same from any start.
         """
         solver, model, options = self.solver, self.model, self.options
         wanted = options.residual_relative
@@ -413,6 +418,14 @@ class Stepping:
             load_n = load_n / model.mesh.symmetry.copies
             wanted, rougher = min(wanted, options.load_relative), _INTERMEDIATE
         options = replace(options, residual_relative=rougher if intermediate else wanted)
+        if ends and self.rounder is not None:
+            with suppress(ConvergenceError):
+                trial, rough = state.copy(), replace(options, residual_relative=_INTERMEDIATE)
+                for body in (self.rounder, self.indenter):
+                    slipping = EquilibriumSolver(model, body, solver.factor.potential)
+                    slipping.settle(trial, load_n=load_n, options=rough)
+                    trial.grip, trial.extension = state.copy().grip, state.extension
+                state.positions, state.tip = trial.positions, trial.tip
         found = solver.settle(state, load_n=load_n, must_touch=must_touch, options=options)
         if model.contact_options.bonded:
             model.surface.refresh_grip(solver.indenter, state)

@@ -165,7 +165,7 @@ class LoadingPath(Stepping):
         """
         started = time.perf_counter()
         touches = self.must_touch(self.touch_m - float(state.tip[2]))
-        found = self.settle(state, load_n=load_n, must_touch=touches, intermediate=False)
+        found = self.settle(state, load_n=load_n, must_touch=touches, intermediate=False, ends=True)
         self.counts.wall_s += time.perf_counter() - started
         return self.accept(replace(found, stiffness_n_m=stiffness_n_m))
 
