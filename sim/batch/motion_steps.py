@@ -22,7 +22,7 @@ from sim.device import Device, replaced
 from sim.solve.descents import Descents
 from tacauchy_rig.core.arrays import FloatArray
 
-# Steps of a descent between two times that a graph asks whether any environment is busy.
+# Steps of a descent after which a graph asks again whether an environment is busy.
 _STEPS_ON_GPU = 3
 _LOWERINGS = 40
 # Of the most steps of a descent: evaluations in a frame after which none is begun in smaller parts.
@@ -110,7 +110,7 @@ class Frames:
         elif not self._descents.ran:  # a graph cannot compile kernels: all run before
             self._launch()
             self._history.comes.zero_()
-            _made(self._lowering)
+            _launch_all(self._lowering)
             self._iterate()
             self._descents.ran = True
         else:
@@ -125,17 +125,17 @@ class Frames:
         for flag in (self._new, busy):
             flag.zero_()
         self._set_out.launch()
-        wp.capture_if(self._new, on_true=_made, launches=self._lowering)
-        _made(self._look)
+        wp.capture_if(self._new, on_true=_launch_all, launches=self._lowering)
+        _launch_all(self._look)
         wp.capture_while(busy, while_body=self._iterate)
-        _made(self._noting)
+        _launch_all(self._noting)
 
     def _iterate(self) -> None:
         """Take steps; beside each, note who arrived by the one before."""
         for _ in range(_STEPS_ON_GPU if self._device.is_gpu else 1):
             with self._device.beside(*(each.launch for each in self._noting), number=1):
                 self._descents.step()
-            _made(self._look)
+            _launch_all(self._look)
 
     def _recorded_start(self) -> tuple[Any, list[Any]]:
         """Record what finds who comes down anew, and what puts these over their first goals.
@@ -209,6 +209,6 @@ class Frames:
         ]
 
 
-def _made(launches: list[Any]) -> None:
+def _launch_all(launches: list[Any]) -> None:
     for each in launches:
         each.launch()
