@@ -73,8 +73,12 @@ def mesh_choice(scene: Scene) -> tuple[MeshKind, str]:
 
 
 def has_brick(scene: Scene) -> bool:
-    """Return whether a footprint mesh begins with a regular one, not with fTetWild's."""
-    return isinstance(scene.pad, BoxPad) and not scene.layers
+    """Return whether a footprint mesh begins with a regular one, not with fTetWild's.
+
+    Under layers it has half as many tetrahedra on long edges, and more on short ones.
+    """
+    is_long = scene.preset is Preset.FAST and scene.refinement <= 1.0
+    return isinstance(scene.pad, BoxPad) and (is_long or not scene.layers)
 
 
 @lru_cache(maxsize=8)
@@ -195,11 +199,15 @@ def footprint_mesh(
     resolution = _LIGHT_FOOTPRINT if scene.is_light else _FOOTPRINTS[scene.preset]
     coarse_m = resolution.size_max_m if largest is None else sizing.coarse_m
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
-    touched = _scene_footprint(scene)
+    touched, shares = _scene_footprint(scene), interface_shares(scene.layers)
     if isinstance(pad, BoxPad) and has_brick(scene):
-        base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
+        base = brick_mesh(
+            pad,
+            spacing_m=coarse_m,
+            symmetry=symmetry or MirrorSymmetry(),
+            interface_shares=shares,
+        )
     else:
-        shares = interface_shares(scene.layers)
         key = mesh_key(pad, sizing, shares)
         wild = partial(wild_mesh, pad, sizing, name=f"fTetWild, {key}", interface_shares=shares)
         base = stored_mesh("base", key, partial(wild, graded=False))
