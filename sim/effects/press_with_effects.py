@@ -10,7 +10,7 @@ and ConfigError where a scene cannot be built or its gel has no room for the dep
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -85,7 +85,7 @@ def path_for(
     densities = np.array([material.density_kg_m3 for material in scene.materials])
     density = densities[model.mesh.labels]
     step_s = _longer(scene) * scene.duration_s / TIME_STEPS
-    rounder = regularised_indenter(scene, refinement=refinement, wider=ROUNDER)
+    rounder = partial(regularised_indenter, scene, refinement=refinement, wider=ROUNDER)
     return LoadingPath(
         model,
         regularised_indenter(scene, refinement=refinement),
@@ -97,7 +97,7 @@ def path_for(
         options=_options(scene),
         reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
         keeps_all=keeps_all,
-        rounder=rounder if slips(scene) else None,
+        rounder=rounder() if slips(scene) else None,
     )
 
 
