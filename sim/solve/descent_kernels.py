@@ -245,7 +245,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         fraction = d.fraction[b]
         if act == Act.SOLVE:
             fraction = wp.float64(1.0)
-            if limits.keeps and d.pushed[b] == 0:
+            if d.pushed[b] == 0:
                 fraction = d.first_try[b]
             count = memory.counts[b]
             scale = units[b]

@@ -220,7 +220,7 @@ class EquilibriumSolver:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
         self.factor.renew(state, first=first)
         self._descents.forget()
-        self._descents.set(since=0, attempt=self.factor.attempt)
+        self._descents.set(since=0, attempt=self.factor.attempt, first_try=1.0)
 
     def _run(self, state: State, grip_start: Grip | None) -> int:
         """Let the environment run, and give it what it asks for; say how it ended."""

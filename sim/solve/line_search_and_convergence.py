@@ -32,9 +32,9 @@ _ARMIJO = wp.constant(wp.float64(1e-4))
 _HALF = wp.constant(wp.float64(0.5))
 _SHORTEST = wp.constant(wp.float64(0.1))
 _TRIES = wp.constant(40)
-# With an inverse that is never made anew many steps in turn are too long in the same way: each is
-# first tried with the share of its direction that would have been best in the last one by the
-# slopes at its ends, but at most so many times what was taken there, and not below the shortest.
+# Many steps in turn are too long in the same way: each is first tried with the share of its
+# direction that would have been best in the last one by the slopes at its ends, but at most so many
+# times what was taken there, and not below the shortest; one with another factor is tried whole.
 _LONGER = wp.constant(wp.float64(1.5))
 # At a standstill, a step of so many tries, those cut by overlap among them, ends where the force
 # jumps: a point in a corner of a body has two nearest sides, and rests between them.
