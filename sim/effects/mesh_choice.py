@@ -73,10 +73,8 @@ def mesh_choice(scene: Scene) -> tuple[MeshKind, str]:
 
 
 def has_brick(scene: Scene) -> bool:
-    """Return whether a footprint mesh begins with a regular one, not with fTetWild's.
-
-    Under layers it has half as many tetrahedra on long edges, and more on short ones.
-    """
+    """Return whether a footprint mesh begins with a regular one, not with fTetWild's."""
+    # Under layers it has a fourth to all of the tetrahedra on long edges, and more on short ones.
     is_long = scene.preset is Preset.FAST and scene.refinement <= 1.0
     return isinstance(scene.pad, BoxPad) and (is_long or not scene.layers)
 
@@ -201,12 +199,8 @@ def footprint_mesh(
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
     touched, shares = _scene_footprint(scene), interface_shares(scene.layers)
     if isinstance(pad, BoxPad) and has_brick(scene):
-        base = brick_mesh(
-            pad,
-            spacing_m=coarse_m,
-            symmetry=symmetry or MirrorSymmetry(),
-            interface_shares=shares,
-        )
+        symmetry = symmetry or MirrorSymmetry()
+        base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry, interface_shares=shares)
     else:
         key = mesh_key(pad, sizing, shares)
         wild = partial(wild_mesh, pad, sizing, name=f"fTetWild, {key}", interface_shares=shares)

@@ -82,13 +82,12 @@ def path_for(
     if model is None:
         with doing("meshing"):
             model = build_model(scene, plan=plan, refinement=refinement, device=device)
-    densities = np.array([material.density_kg_m3 for material in scene.materials])
-    density = densities[model.mesh.labels]
+    density = np.array([each.density_kg_m3 for each in scene.materials])[model.mesh.labels]
     step_s = _longer(scene) * scene.duration_s / TIME_STEPS
-    rounder = partial(regularised_indenter, scene, refinement=refinement, wider=ROUNDER)
+    rounded = partial(regularised_indenter, scene, refinement=refinement)
     return LoadingPath(
         model,
-        regularised_indenter(scene, refinement=refinement),
+        rounded(),
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=_longest_step(scene, plan, height_m=model.height_m),
@@ -97,7 +96,7 @@ def path_for(
         options=_options(scene),
         reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
         keeps_all=keeps_all,
-        rounder=rounder() if slips(scene) else None,
+        rounder=rounded(wider=ROUNDER) if slips(scene) else None,
     )
 
 

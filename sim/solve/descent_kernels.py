@@ -244,9 +244,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         dof_count = dofs.shape[0]
         fraction = d.fraction[b]
         if act == Act.SOLVE:
-            fraction = wp.float64(1.0)
-            if d.pushed[b] == 0:
-                fraction = d.first_try[b]
+            fraction = wp.where(d.pushed[b] == 0, d.first_try[b], wp.float64(1.0))
             count = memory.counts[b]
             scale = units[b]
             if scaled:
