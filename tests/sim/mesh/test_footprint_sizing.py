@@ -153,7 +153,7 @@ def test_which_scene_gets_which_mesh(change: dict[str, object], kind: MeshKind) 
     found, reason = mesh_choice(scene)
     assert found is kind
     assert reason
-    wild = replace(scene, layers=(Layer(share=1.0, material=scene.material),))
+    wild = replace(scene, layers=(Layer(share=1.0, material=scene.material),), refinement=1.6)
     fills = {MeshKind.FOOTPRINT: wild, MeshKind.PAPER: scene}
     assert kind not in fills or not plan_effects(fills[kind]).is_on(Effect.SYMMETRY)
 
