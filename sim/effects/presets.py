@@ -15,7 +15,7 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.mesh.revolved_mesh import Grading, revolved_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -63,6 +63,9 @@ _SECTOR_GROWTH, _SECTOR_BASE = 0.5, 1.6
 # Of a light scene whose indenter is carried, turned or tilted, where half or all of the pad is
 # meshed: F_z of nine such presses is 0 to 0.9 % larger than with edges of at most 2.5 mm.
 _MOVED_SIZE_MAX_M = 4e-3
+# Of edges under a ball where a way of its own ends on preset fast's. With 2.0, a ring of elements
+# more or less above the base changes F_z by 0.5 %, and 0.9 % of 45 balls' bias remain, not 0.3 %.
+_END_GROWTH = 1.7
 # Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows no
 # corner, and what it catches of one hangs on chance: F_z of a 5 mm punch, 0.5 mm deep, on three
 # edges a tenth apart is 3.11, 3.08 and 3.12 N without, 2.99, 3.01 and 2.98 N with a quarter of an
@@ -207,6 +210,8 @@ def _scene_resolution(scene: Scene, given: meshes.Resolution | None) -> meshes.R
         found = light_resolution(scene.refinement)
         if max(material.poisson for material in scene.materials) > _KEEPS_VOLUME_ABOVE:
             found = replace(found, under_share=_UNDER_SHARE / scene.refinement)
+        if isinstance(scene.indenter, Sphere) and scene.path_refinement and scene.refinement == 1.0:
+            found = replace(found, growth=_END_GROWTH)
         if scene.motion.is_straight:
             return found
         return replace(found, size_max_m=_MOVED_SIZE_MAX_M / scene.refinement)

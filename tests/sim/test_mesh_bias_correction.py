@@ -23,6 +23,7 @@ SCENE = replace(
     path_refinement=WAY,
 )
 PUSHED = replace(SCENE, target=Target(force_n=0.7))
+STUCK = replace(SCENE, contact=ContactMode.FRICTION, friction=0.8)
 PLAN = full_plan(SCENE)
 
 
@@ -56,28 +57,33 @@ def test_a_given_force_has_its_depth_corrected(found: PressOutputs) -> None:
 def test_what_a_bias_depends_on() -> None:
     """Edges, how well the gel keeps its volume, depth, friction on short edges, the pad's sides."""
     soft = replace(SCENE, material=replace(SCENE.material, poisson=0.4))
-    stuck = replace(SCENE, contact=ContactMode.FRICTION, friction=0.8)
     aside = replace(SCENE, centre_m=(8.5e-3, 0.0))
     deep = replace(SCENE, target=Target(depth_m=0.8e-3))
     rules = rules_of(SCENE)
-    assert rules_of(stuck) == rules_of(deep) == dict(sorted(rules.items()))
-    assert rules[1.4].bias(SCENE) < min(rules[1.4].bias(deep), rules[1.4].bias(stuck))
-    punch = replace(stuck, indenter=Cylinder(diameter_m=4e-3, fillet_m=0.3e-3))
-    assert rules_of(punch)[2.2].bias(punch) > rules_of(punch)[2.2].bias(
-        replace(punch, friction=0.1)
-    )
+    assert rules_of(STUCK) == rules_of(deep) == dict(sorted(rules.items()))
+    assert rules[1.4].bias(SCENE) < min(rules[1.4].bias(deep), rules[1.4].bias(STUCK))
+    punch = replace(STUCK, indenter=Cylinder(diameter_m=4e-3, fillet_m=0.3e-3))
+    held = rules_of(punch)[2.2]
+    assert held.bias(punch) > held.bias(replace(punch, friction=0.1))
     for rule in rules.values():
-        assert rule.bias(soft) < rule.bias(SCENE) <= rule.bias(stuck)
+        assert rule.bias(soft) < rule.bias(SCENE) <= rule.bias(STUCK)
         assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
+
+
+def test_more_remains_in_a_low_pad_and_in_layers() -> None:
+    """Twice as much as in a high pad of one material."""
+    low = replace(SCENE, pad=replace(SCENE.pad, height_m=2.5e-3))
+    layered = scene_from("--sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm")
+    rest = rules_of(SCENE)[1.4].rest
+    assert [rest(low), rest(layered)] == pytest.approx([2.0 * rest(SCENE)] * 2, rel=0.02)
 
 
 def test_a_punch_that_holds_ends_on_shorter_edges() -> None:
     """Its load steps then have preset fast's own; without friction longer ones, as a ball's."""
     punch = replace(SCENE, indenter=Cylinder(diameter_m=5e-3, fillet_m=0.5e-3))
-    held = replace(punch, contact=ContactMode.FRICTION, friction=0.8)
     slides, holds, ball = (
         {setting.refinement: setting.path_refinement for setting in corrected_settings(scene)}
-        for scene in (punch, held, SCENE)
+        for scene in (punch, replace(STUCK, indenter=punch.indenter), SCENE)
     )
     assert (slides, ball) == ({1.0: WAY, 1.6: WAY}, {1.0: WAY, 1.4: WAY})
     assert holds == {1.0: 0.75, 2.2: 1.0}
@@ -103,9 +109,7 @@ def test_a_body_of_triangles_has_longer_edges_where_that_is_enough() -> None:
         replace(SCENE, target=Target(depth_m=0.0)),
         replace(SCENE, indenter=Plane()),
         replace(SCENE, material=replace(SCENE.material, law=LawName.PAPER_EQ4)),
-        replace(
-            SCENE, contact=ContactMode.FRICTION, friction=0.5, outputs=frozenset({Output.SHEAR})
-        ),
+        replace(STUCK, outputs=frozenset({Output.SHEAR})),
     ],
     ids=["bonded", "deep", "untouched", "plane", "rest stress", "shear by friction"],
 )
@@ -122,20 +126,16 @@ def test_presets_by_name_stay_as_they_are(found: PressOutputs) -> None:
 
 def test_a_tolerance_takes_the_cheapest_that_leaves_so_little() -> None:
     """What is left of it is for effects; less than any correction leaves is the raw force's."""
+    settings = corrected_settings(SCENE)
+    stated = {each.refinement: worth.error_ratio for each, worth in settings.items()}
     for share in (0.05, 0.01):
         chosen = keeping_corrected(SCENE, Tolerance(relative=share))
-        stated = {
-            setting.refinement: worth.error_ratio
-            for setting, worth in corrected_settings(SCENE).items()
-        }
         assert chosen.path_refinement == WAY
         assert stated[chosen.refinement] + (chosen.tolerance or 0.0) == pytest.approx(share)
-        cheaper = [error for name, error in stated.items() if name < chosen.refinement]
-        assert all(error > share for error in cheaper)
+        assert all(error > share for name, error in stated.items() if name < chosen.refinement)
     newtons = keeping_corrected(PUSHED, Tolerance(force_n=0.05 * 0.7))
     relative = keeping_corrected(PUSHED, Tolerance(relative=0.05))
-    assert newtons.refinement == relative.refinement
-    assert newtons.tolerance == pytest.approx(relative.tolerance)
+    assert newtons == replace(relative, tolerance=pytest.approx(relative.tolerance))
     with pytest.raises(ConfigError, match="no preset is known"):
         keeping_corrected(SCENE, Tolerance(relative=1e-5))
 
