@@ -34,18 +34,10 @@ def made_response(*, power: float, confined: float) -> Response:
 
 
 def made_presses(
-    indenter: str,
-    *,
-    young_pa: float,
-    poisson: float,
-    friction: float,
-    power: float,
-    confined: float,
-    seed: int = 1,
+    indenter: str, *, young_pa: float, seed: int = 1, **formula: float
 ) -> IndenterPresses:
-    """Return presses of the formula, with noise."""
+    """Return presses of the formula, which is that of ``area``, with noise."""
     config = load_config(overrides=(*SURE, f'replay.indenter="{indenter}"')).config
-    formula = {"poisson": poisson, "friction": friction, "power": power, "confined": confined}
     noise_n = NOISE_N * np.random.default_rng(seed).standard_normal(len(DEPTHS_M))
     return IndenterPresses(
         config=config,
