@@ -231,11 +231,11 @@ class GelStudy(Study):
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return a row for each set of indenters."""
-        judged: dict[tuple[str, ...], list[Any]] = {
-            tools: founds([each for each in results if each.name.endswith(f": {name}")])
+        known: dict[tuple[str, ...], list[Any]] = {
+            tools: own
             for name, tools in SETS.items()
+            if (own := founds([each for each in results if each.name.endswith(f": {name}")]))
         }
-        known = {tools: own for tools, own in judged.items() if own}
         return [*([gel_table(known)] if known else []), *failures_table(results, kind=self.kind)]
 
 
