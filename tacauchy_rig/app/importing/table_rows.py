@@ -6,10 +6,12 @@ they are published they are pickles, which are never loaded.
 """
 
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import PurePath
+from itertools import pairwise
+from pathlib import Path, PurePath
 
 import numpy as np
 from pydantic import Field
@@ -39,6 +41,10 @@ WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
 POSE = ("x", "y", "z")
 _DIMENSIONS = {"force": Dimension.FORCE, "moment": Dimension.TORQUE, "time": Dimension.TIME}
 """By the first word of a column's name; all others are lengths."""
+SLOW_S = 600.0
+"""Of a press by its times: a press of a second has it if its milliseconds are read as seconds."""
+MOVED = 0.1
+"""Of a press's force that forces at rest may differ by from its rest to the next press's."""
 
 
 class SampleColumns(Section):
@@ -107,7 +113,23 @@ def read_csv_folder(source: source_files.Source, data: CsvData) -> Recorded:
     """
     table = read_table(source, data.table, field="data.table", dialect=data)
     prefix = source.prefix(data.images, field="data.images")
+    source.notes += _unnamed(table, data, source.root / prefix)
     return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
+
+
+def _unnamed(table: Table, data: CsvData, folder: Path) -> Iterator[str]:
+    """Yield images that are called as those of the table but for their numbers, and in no row."""
+    column = data.columns.image
+    if column is None or column not in table.columns:
+        return
+    named = set(table.cells(column)) | {data.no_contact}
+    kinds = {re.sub(r"\d+", "0", name) for name in table.cells(column) if re.search(r"\d", name)}
+    there = sorted(path.name for path in folder.iterdir())
+    if others := [n for n in there if n not in named and re.sub(r"\d+", "0", n) in kinds]:
+        yield (
+            f"{len(others)} images are in no row of {table.name}, the first {others[0]}: if rows "
+            "were lost, give the whole table (data.table)."
+        )
 
 
 def image_files(source: source_files.Source, prefix: str = "") -> Image:
@@ -196,6 +218,53 @@ class _Rows:
         self.stamp_ns: Int64Array = ORDER_NS * np.arange(1, count + 1)
         if columns.time is not None:
             self._take_times(columns.time.column)
+        self.notes += [*self._without_force(), *self._slow(), *self._moved()]
+
+    def _without_force(self) -> Iterator[str]:
+        """Yield how many rows state that their force is no number; empty cells state nothing."""
+        column = self.data.columns.force
+        if column is None or column.column not in self.table.columns:
+            return
+        cells, lost = self.table.cells(column.column), np.isnan(self.wrench[:, FZ])
+        if told := [k for k in np.flatnonzero(lost).tolist() if cells[k]]:
+            yield (
+                f"{self.table.where(told[0], column.column)}: {cells[told[0]]!r} is no force; "
+                f"{len(told)} of {len(cells)} rows were left out of zeros and forces: correct "
+                "these cells, or leave them empty."
+            )
+
+    def _slow(self) -> Iterator[str]:
+        """Yield the press that takes longest, where it takes too long for its unit of time."""
+        column = self.data.columns.time
+        if column is None or not self.has_clock:
+            return
+        spans_s = [float(np.ptp(self.stamp_ns[own])) / 1e9 for own in self.by_press()]
+        if (longest_s := max(spans_s)) > SLOW_S:
+            name = list(dict.fromkeys(self.press.tolist()))[spans_s.index(longest_s)]
+            yield (
+                f'Press {name} takes {longest_s:.4g} s by the column "{column.column}" in '
+                f"{column.unit}: if it took a thousandth of that, correct data.columns.time.unit."
+            )
+
+    def _moved(self) -> Iterator[str]:
+        """Yield where the force at rest moves most from a press's rest to that of the next."""
+        force, zeros = self.wrench[:, FZ], list[tuple[float, float, int]]()
+        for own in self.by_press():
+            zero, held = (_mean(force[own[there[own]]]) for there in (self.at_rest, self.pressed))
+            if zero is not None and held is not None:
+                zeros.append((zero, abs(held - zero), int(own[0])))
+        moved = [
+            (abs(after[0] - before[0]) / before[1], abs(after[0] - before[0]), after[2])
+            for before, after in pairwise(zeros)
+            if before[1] > 0.0
+        ]
+        share, step_n, row = max(moved, default=(0.0, 0.0, 0))
+        if share > MOVED:
+            yield (
+                f"{self.table.where(row)}: the force at rest moves by {step_n:.3g} N from the "
+                f"press before, {share:.0%} of that press's force: a press may be off by as much. "
+                "Let the cell warm up, or record rest right before each press."
+            )
 
     def by_press(self) -> list[IndexArray]:
         """Return the rows of each press."""

@@ -59,6 +59,8 @@ LITTLE = 0.3
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
 """Of a gel's force that fades after it was pressed, and how fast: more than gels of such sensors
 are taken to, so that the truth lies between this and none."""
+UNFELT_S = 0.5
+"""From a frame to the next force, and of frames that show contact there: the log has lost rows."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a uniform distribution of width 1."""
 SMALL = (32, 24)
@@ -347,8 +349,8 @@ def read_video(source: Source, data: VideoData) -> detection.Recorded:
     table = read_table(source, data.log, field="data.log", dialect=data)
     begin_s, time_s, notes = _times(table, data.columns)
     stamp_ns = np.asarray(np.rint((time_s + 1.0) * detection.S), dtype=np.int64)
-    force = _samples(table, data.columns, WRENCH, stamp_ns)
-    pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
+    force = _samples(table, data.columns, WRENCH, stamp_ns, notes)
+    pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns, notes)
     source.problems.refuse()
     found = detection.find_presses(force, data.presses)
     seen, shows, told = _seen(path, data)
@@ -376,11 +378,46 @@ def read_video(source: Source, data: VideoData) -> detection.Recorded:
         has_clock=True,
         sync_mode="contact_onset",
         unknown=(rate,) * (count < RATED),
-        notes=(offset, *told, *notes, *detection.drift_note(found)),
+        notes=(
+            offset,
+            *told,
+            *notes,
+            *detection.drift_note(found),
+            *lost_contact(seen, frame_ns, force, found, data.log),
+        ),
         contact_force_n=data.presses.contact_force,
         name="video",
         clock=clock,
     )
+
+
+def lost_contact(
+    seen: Signal,
+    frame_ns: Int64Array,
+    force: detection.Samples,
+    found: Sequence[detection.PressSpan],
+    log: str,
+) -> Iterator[str]:
+    """Yield that frames change by more than half of what presses do where the log has no force."""
+    inside = [
+        [(frame_ns >= start) & (frame_ns <= end) for start, end in windows]
+        for windows in ([each.rest for each in found], [each.held for each in found])
+    ]
+    rest, held = (seen.value[np.logical_or.reduce(each)] for each in inside)
+    if not len(rest) or not len(held):
+        return
+    after = np.clip(np.searchsorted(force.stamp_ns, frame_ns), 1, len(force.stamp_ns) - 1)
+    off_ns = np.abs(np.stack([force.stamp_ns[after - 1], force.stamp_ns[after]]) - frame_ns)
+    is_far = off_ns.min(axis=0) > UNFELT_S * detection.S
+    unfelt = is_far & (seen.value > (np.median(rest) + np.median(held)) / 2.0)
+    shown_s = float(unfelt.sum() * np.median(np.diff(seen.time_s)))
+    if shown_s > UNFELT_S:
+        first_s = float(seen.time_s[unfelt][0])
+        yield (
+            f"The video shows contact for {shown_s:.1f} s, first at {first_s:.2f} s of its time, "
+            f"where {log} has no force: presses there are lost. If rows are missing, give the "
+            "whole log (data.log)."
+        )
 
 
 def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[str]]:
@@ -412,12 +449,14 @@ def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[s
 
 
 def _samples(
-    table: Table, columns: LogColumns, names: Sequence[str], stamp_ns: Int64Array
+    table: Table, columns: LogColumns, names: Sequence[str], stamp_ns: Int64Array, notes: list[str]
 ) -> detection.Samples:
-    """Return the rows in which the third of the named columns is known."""
+    """Return the rows in which the third of the named columns is known; others are noted."""
     value = np.full((len(stamp_ns), 6), np.nan)
     value[:, : len(names)] = read_columns(table, columns, *names)
-    return detection.Samples(stamp_ns=stamp_ns, value=value).where(~np.isnan(value[:, Z]))
+    where = f"{table.name}, data.columns.{names[Z]}"
+    known = ~np.isnan(value[:, Z])
+    return detection.known_samples(stamp_ns, value, known, where, notes)
 
 
 def _video_frames(path: Path, name: str) -> Frames:

@@ -30,6 +30,7 @@ from tacauchy_rig.app.importing.video_and_clock_offset import (
     Signal,
     aligned,
     image_change,
+    lost_contact,
     offset_to_force,
     without_memory,
 )
@@ -382,3 +383,17 @@ def losses(first_seed: int, cases: int = 12) -> None:
 
 if __name__ == "__main__":
     losses(int(sys.argv[1])) if len(sys.argv) > 1 else main()
+
+
+@pytest.mark.parametrize(("log_s", "lost"), [(6.0, 1), (7.2, 1), (10.0, 0)])
+def test_contact_that_a_log_lost_is_told(log_s: float, lost: int) -> None:
+    """A log that ends before the second of two presses or within it, and a whole one."""
+    time_s, frame_s = np.arange(0.0, log_s, LOG_S), np.arange(0.0, 10.0, FRAME_S)
+    value = np.zeros((len(time_s), 6))
+    value[:, FZ] = 2.0 * (((time_s > 2.0) & (time_s < 4.0)) | (time_s > 7.0) & (time_s < 9.0))
+    force = Samples(stamp_ns=np.rint(time_s * S).astype(np.int64), value=value)
+    shown = ((frame_s > 2.0) & (frame_s < 4.0)) | ((frame_s > 7.0) & (frame_s < 9.0))
+    seen, frame_ns = Signal(time_s=frame_s, value=9.0 * shown), np.rint(frame_s * S)
+    found = find_presses(force, PressFinding())[:1]
+    told = list(lost_contact(seen, frame_ns.astype(np.int64), force, found, "force.csv"))
+    assert ["where force.csv has no force: presses" in each for each in told] == [True] * lost

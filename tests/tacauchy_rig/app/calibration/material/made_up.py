@@ -6,12 +6,11 @@ import numpy as np
 
 from tacauchy_rig.app.calibration.material.fit_and_next_presses import NODES, OF_OTHER_LAW, Response
 from tacauchy_rig.app.calibration.material.measured_presses import IndenterPresses
-from tacauchy_rig.app.replay.simulator_inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
+from tests.studies.gel.command import NOISE_N, measured
 
 DEPTHS_M = np.linspace(1e-4, 8e-4, 8)
-NOISE_N = 0.005
 SURE = ('uncertainty.depth="20 um"', 'uncertainty.force_scale="0.1 %"')
 
 
@@ -34,25 +33,10 @@ def made_response(*, power: float, confined: float) -> Response:
 
 
 def made_presses(
-    indenter: str,
-    *,
-    young_pa: float,
-    poisson: float,
-    friction: float,
-    power: float,
-    confined: float,
-    seed: int = 1,
+    indenter: str, *, young_pa: float, seed: int = 1, **formula: float
 ) -> IndenterPresses:
-    """Return presses of the formula, with noise."""
+    """Return presses of the formula, which is that of ``area``, with noise."""
     config = load_config(overrides=(*SURE, f'replay.indenter="{indenter}"')).config
-    formula = {"poisson": poisson, "friction": friction, "power": power, "confined": confined}
     noise_n = NOISE_N * np.random.default_rng(seed).standard_normal(len(DEPTHS_M))
-    return IndenterPresses(
-        config=config,
-        inputs=inputs_of(config),
-        contact_force_n=0.0,
-        press=np.zeros(len(DEPTHS_M), dtype=np.int64),
-        depth_m=DEPTHS_M,
-        force_n=young_pa * area(DEPTHS_M, **formula) + noise_n,
-        noise_n=np.full(len(DEPTHS_M), NOISE_N),
-    )
+    force_n = young_pa * area(DEPTHS_M, **formula) + noise_n
+    return replace(measured(indenter, DEPTHS_M, force_n), config=config)

@@ -97,13 +97,8 @@ def test_what_another_law_changes_is_interpolated() -> None:
 def test_a_few_forces_fit_what_they_can(count: int) -> None:
     """A modulus for any nu; no contradiction that one force could show."""
     presses, response = _data(ONE)[0]
-    few = replace(
-        presses,
-        **{
-            name: getattr(presses, name)[-count:]
-            for name in ("press", "depth_m", "force_n", "noise_n")
-        },
-    )
+    names = ("press", "depth_m", "force_n", "noise_n")
+    few = replace(presses, **{name: getattr(presses, name)[-count:] for name in names})
     fit = GelFit(data=[(few, response)])
     assert fit.interval(YOUNG).holds(GEL["young_pa"])
     assert not fit.interval(NU).uncertainty
