@@ -4,6 +4,8 @@ from typing import Any
 
 import warp as wp
 
+from sim.device import native_code
+
 
 @wp.struct
 class Points:
@@ -37,6 +39,7 @@ def see_points(
 
 
 _ROUNDS = wp.constant(4)
+_SETTLED_PX2 = wp.constant(wp.float32(1.0e-8))  # a millionth of a marker's radius, squared
 
 
 @wp.func
@@ -73,8 +76,29 @@ def came_from(
     by = moved[env, i, j]
     for _ in range(_ROUNDS):
         if wp.isfinite(by[0] + by[1]):
+            before = by
             by = _between(moved[env], x - by[0] / spacing, y - by[1] / spacing)
+            if wp.length_sq(by - before) < _SETTLED_PX2:
+                break
     motion_out[env, i, j] = by
+
+
+@wp.func_native(native_code(__package__, "print"))
+def _print(
+    spacing: int,
+    env: int,
+    i: int,
+    j: int,
+    corner: wp.vec2f,
+    right: wp.vec2f,
+    below: wp.vec2f,
+    opposite: wp.vec2f,
+    fine: wp.float32,
+    dark: wp.vec3f,
+    ink: wp.array2d(dtype=wp.vec4f),
+    touched: wp.array2d(dtype=wp.uint8),
+    image: wp.array4d(dtype=wp.uint8),
+): ...
 
 
 @wp.kernel(enable_backward=False)
@@ -84,6 +108,7 @@ def print_ink(
     dark: wp.vec3f,
     ink: wp.array2d(dtype=wp.vec4f),
     inked: wp.array2d(dtype=wp.uint8),
+    touched: wp.array2d(dtype=wp.uint8),
     # Data in:
     motion: wp.array3d(dtype=wp.vec2f),
     # Data in and out:
@@ -92,7 +117,7 @@ def print_ink(
     """Print markers over a cell of the lattice of images of bare gel: see ``PrintedMarkers``.
 
     The ink has ``fine`` samples a pixel. ``inked`` is 1 for cells that have ink or a neighbour with
-    ink; what comes from others is bare.
+    ink, and ``touched`` for such pixels; what comes from others is bare.
     """
     env, i, j = wp.tid()
     corner, right = motion[env, i, j], motion[env, i, j + 1]
@@ -107,23 +132,4 @@ def print_ink(
     from_column = wp.clamp(from_column, 0, inked.shape[1] - 1)
     if inked[from_row, from_column] == wp.uint8(0):
         return
-    for a in range(spacing):
-        row = i * spacing + a
-        v = wp.float32(a) / step
-        left_by = corner * (wp.float32(1.0) - v) + below * v
-        along = (right * (wp.float32(1.0) - v) + opposite * v - left_by) / step
-        for c in range(spacing):
-            column = j * spacing + c
-            if row < image.shape[1] and column < image.shape[2]:
-                by = left_by + along * wp.float32(c)
-                x, y = wp.float32(column) - by[0], wp.float32(row) - by[1]
-                share = _between(ink, fine * x, fine * y)
-                is_bare = share == wp.vec4f(1.0, 0.0, 0.0, 0.0)
-                if not is_bare:
-                    for channel in range(3):
-                        level = wp.float32(image[env, row, column, channel]) - dark[channel]
-                        level = dark[channel] + share[0] * level + share[1 + channel]
-                        level = wp.clamp(
-                            level + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0)
-                        )
-                        image[env, row, column, channel] = wp.uint8(level)
+    _print(spacing, env, i, j, corner, right, below, opposite, fine, dark, ink, touched, image)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -14,7 +15,7 @@ from sim.optics.markers import marker_kernel as kernels
 from sim.optics.markers.marker_tracking import FINE, PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, IndexArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray, IndexArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_PX = 4  # of the lattice of points whose motion is interpolated between
@@ -151,7 +152,11 @@ class MarkerPrinter:
         shape = (count, *self._size)
         self._moved, self._motion = (on.zeros(shape, wp.vec2f) for _ in range(2))
         self._ink: Any = on.array(markers.fine, wp.vec4f)
-        self._inked: Any = on.array(_inked(markers.fine[::FINE, ::FINE]), wp.uint8)
+        pixels = _any_of((markers.fine != (1.0, 0.0, 0.0, 0.0)).any(axis=2), FINE)
+        self._inked, self._touched = (
+            on.array(ndimage.binary_dilation(each, np.ones((3, 3))), wp.uint8)
+            for each in (_any_of(pixels, _SPACING_PX), pixels)
+        )
         self._dark = wp.vec3f(*markers.dark.tolist())
 
     def over(self, images: Any, positions: Any) -> None:
@@ -164,7 +169,8 @@ class MarkerPrinter:
         launch(kernels.motion_of, self._moved.shape, [spacing, seen], [self._moved])
         launch(kernels.came_from, self._moved.shape, [spacing, self._moved], [self._motion])
         cells = (len(images), self._size[0] - 1, self._size[1] - 1)
-        taken = [_SPACING_PX, float(FINE), self._dark, self._ink, self._inked, self._motion]
+        printed = [self._dark, self._ink, self._inked, self._touched]
+        taken = [_SPACING_PX, float(FINE), *printed, self._motion]
         launch(kernels.print_ink, cells, taken, [images])
 
     def image_over(self, image: ImageArray, surface: SurfaceState) -> ImageArray:
@@ -175,13 +181,10 @@ class MarkerPrinter:
         return np.asarray(printed.numpy()[0])
 
 
-def _inked(printed: Float32Array) -> ImageArray:
-    """Return 1 for the cells of a lattice of points that have ink or a neighbour with ink."""
-    changed = (printed != (1.0, 0.0, 0.0, 0.0)).any(axis=2)
-    whole = np.pad(changed, [(0, -size % _SPACING_PX) for size in changed.shape])
-    cells = np.maximum.reduceat(whole, range(0, len(whole), _SPACING_PX), axis=0)
-    cells = np.maximum.reduceat(cells, range(0, whole.shape[1], _SPACING_PX), axis=1)
-    return np.asarray(ndimage.binary_dilation(cells, np.ones((3, 3))), dtype=np.uint8)
+def _any_of(marked: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
+    """Return in which squares of some size there is a mark; those at the ends may be cut."""
+    rows = np.maximum.reduceat(marked, range(0, len(marked), size), axis=0)
+    return np.asarray(np.maximum.reduceat(rows, range(0, marked.shape[1], size), axis=1))
 
 
 def marker_places(grid: MarkerGrid) -> FloatArray:

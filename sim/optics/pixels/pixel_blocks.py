@@ -34,6 +34,11 @@ class PixelBlocks:
         """Blocks that a row of pixels fills."""
         return -(-self.geometry.width // self.lanes)
 
+    @property
+    def parts(self) -> int:
+        """Threads that share a row of pixels: a processor's has it whole, a GPU's a pixel of it."""
+        return 1 if self.lanes > 1 else self.row_blocks
+
     def layout(self) -> Any:
         """Return it for kernels."""
         fine = self.geometry.refined(self.samples)
@@ -41,6 +46,7 @@ class PixelBlocks:
         layout.rows, layout.columns = self.geometry.height, self.geometry.width
         layout.blocks, layout.pitch = self.row_blocks, self.row_blocks + 2
         layout.plane, layout.samples = (layout.rows + 2) * layout.pitch, self.samples
+        layout.span = self.row_blocks // self.parts
         layout.half_per_x, layout.half_per_y = 0.5 / fine.scale_x_m, 0.5 / fine.scale_y_m
         return layout
 
@@ -50,11 +56,11 @@ class PixelBlocks:
         return BlockMemory(1, count, self.lanes, self.device)
 
     def sample_planes(self, values: RealArray) -> Any:
-        """Return the samples of one image, shape [height, width] of them, as kernels want them."""
+        """Return samples of images, shape [..., height, width], as kernels want them."""
         rows, columns, samples = self.geometry.height, self.geometry.width, self.samples
-        split = values.reshape(rows, samples, columns, samples).transpose(1, 3, 0, 2)
+        split = values.reshape(-1, rows, samples, columns, samples).transpose(0, 2, 4, 1, 3)
         short = self.row_blocks * self.lanes - columns
-        room = ((0, 0), (0, 0), (1, 1), (self.lanes, self.lanes + short))
+        room = (*[(0, 0)] * 3, (1, 1), (self.lanes, self.lanes + short))
         return self.array(np.pad(split, room).reshape(-1, self.lanes), self.block)
 
     def samples_of(self, planes: BlockMemory) -> Float32Array:
@@ -89,8 +95,6 @@ class BlockMemory:
     Attributes:
         single: Value by value, shape [channel_count, value_count].
         blocks: Block by block, shape [channel_count, block_count].
-        shifted: The blocks that start up to ``reach`` values before and behind those, shape
-            [2 reach + 1, channel_count, block_count].
     """
 
     def __init__(
@@ -107,13 +111,6 @@ class BlockMemory:
             ptr=begin, dtype=wp.float32, shape=(channel_count, channel), device=device
         )
         self.blocks: Any = wp.array(ptr=begin, dtype=block, shape=shape, device=device)
-        self.shifted: Any = wp.array(
-            ptr=begin - size * reach,
-            dtype=block,
-            shape=(2 * reach + 1, *shape),
-            strides=(size, size * channel, size * lanes),
-            device=device,
-        )
 
     def pixels(self, layout: PixelBlocks) -> Float32Array:
         """Return the values of one image, shape [channel_count, height, width]."""

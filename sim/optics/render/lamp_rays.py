@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 
 from sim.device import Device
-from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
-from sim.optics.pixels.shadow_kernel import Rays, follow_rays, lose_light, turn_dents
+from sim.optics.pixels.pixel_blocks import BLOCK_TYPES, CPU_LANES, BlockMemory, PixelBlocks
+from sim.optics.pixels.shadow_kernel import Rays, darken_pixels, follow_rays, measure_cells
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
@@ -22,26 +22,52 @@ _NEAREST_SHARE = 0.05  # of an image's size: so far beside it a lamp stands at l
 _FAR = 200.0  # sizes of an image: how far off a lamp is that shines from one direction
 
 
+class DentCells:
+    """Where a processor need not look for shadows of dents, shape [count, height, width] [m].
+
+    Attributes:
+        limits: Largest change from a sample to the next, and bulge, of each cell [m]. Those have as
+            many samples both ways as a block; a GPU looks everywhere.
+    """
+
+    def __init__(self, dent: Any, lanes: int) -> None:
+        on, count, size = Device(str(dent.device)), len(dent), dent.shape[1:]
+        shape = (count, *(-(-each // lanes) if lanes > 1 else 1 for each in size))
+        self.dent, self.limits = dent, on.zeros(shape, wp.vec2f)
+        like = BLOCK_TYPES[lanes]()
+        self.measure = on.record(measure_cells, shape, [like, dent, self.limits]).launch
+
+
 class HiddenLamp:
-    """What a dent, a device's array of shape [count, height, width] [m], hides of a lamp.
+    """What dents hide of a lamp.
 
     Attributes:
         hidden: How much of the lamp is hidden, 0 to 1, by step and ray.
-        stages: Kernels, each with the counts over which it may be parted and others, and inputs.
+        marks: 1 for cells that are in shadow.
     """
 
     def __init__(
-        self, lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, dent: Any, lanes: int
+        self,
+        lamp: Lamp,
+        shadows: ShadowCaster,
+        geometry: CameraGeometry,
+        cells: DentCells,
+        lanes: int,
     ) -> None:
-        device = str(dent.device)
-        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, device)
-        step_count = len(rays.starts)
-        self.hidden = BlockMemory(1, dent.shape[0] * step_count * rays.pitch, lanes, device)
-        values = self.hidden.blocks[0]
-        self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
-            (turn_dents, step_count, (rays.pitch,), [dent.flatten(), values]),
-            (follow_rays, rays.pitch, (), [values]),
-        ]
+        on, count = Device(str(cells.dent.device)), len(cells.dent)
+        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, on.name)
+        steps, size = len(rays.starts), (count, rays.pitch)
+        self._memory = BlockMemory(1, steps * count * rays.pitch, lanes, on.name)
+        self.hidden, self.marks = self._memory.blocks[0], on.zeros(cells.limits.shape, wp.int32)
+        tiles = count * -(-steps // lanes) * rays.pitch if lanes > 1 else 1
+        self._kept = cells, on.zeros(tiles, wp.int32)
+        inputs = [rays, cells.dent, cells.limits, self.hidden, self._kept[1], self.marks]
+        self._follow = on.record(follow_rays, size, inputs).launch
+
+    def follow(self) -> None:
+        """Find what is hidden, after the dents' cells are measured."""
+        self.marks.zero_()
+        self._follow()
 
 
 def rays_from(
@@ -121,12 +147,17 @@ def lost_share(
 
     Bulges [m] have this shape, tilts the shape [count, 2, height, width].
     """
-    device = Device("cpu")
-    dent = device.array(bulge, wp.float32)
-    hidden = HiddenLamp(lamp, shadows, geometry, dent, CPU_LANES)
-    for kernel, count, inner, inputs in hidden.stages:
-        device.launch(kernel, (len(bulge), count, *inner), [hidden.rays, 0, *inputs], [])
-    lost = device.empty(bulge.shape, wp.float32)
-    inputs = [hidden.rays, CPU_LANES, hidden.hidden.single[0], device.array(tilt, wp.float32)]
-    device.launch(lose_light, bulge.shape, inputs, [lost])
-    return np.asarray(lost.numpy())
+    device, lanes = Device("cpu"), CPU_LANES
+    layout = PixelBlocks(geometry=geometry, samples=1, device="cpu", lanes=lanes)
+    cells = DentCells(device.array(bulge, wp.float32), lanes)
+    hidden = HiddenLamp(lamp, shadows, geometry, cells, lanes)
+    count, height, width = bulge.shape
+    lost = BlockMemory(3, count * height * layout.row_blocks, lanes, "cpu")
+    gain = layout.pixel_rows(np.ones((3, height, width)))
+    tilts = [layout.sample_planes(tilt[:, axis]) for axis in range(2)]
+    light = [hidden.rays, wp.vec3f(-1.0), gain, hidden.hidden, hidden.marks]
+    cells.measure()
+    hidden.follow()
+    size = (count, height, layout.parts)
+    device.launch(darken_pixels, size, [layout.layout(), *light, *tilts, lost.blocks], [])
+    return np.array(lost.single.numpy()[0].reshape(count, height, -1)[..., :width])

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -19,7 +17,7 @@ from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels import blur_and_exposure_kernel as kernels
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.shadow_kernel import darken_pixels
-from sim.optics.render.lamp_rays import HiddenLamp
+from sim.optics.render.lamp_rays import DentCells, HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.lamps_and_optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor
@@ -28,7 +26,6 @@ from tacauchy_rig.core.errors import ConfigError
 
 GREY_LEVEL = 110  # of the no-contact frame of a sensor that nobody has calibrated
 _REACH = 4.0  # standard deviations of a blur's weights, as in OpenCV for real images
-_CPU_THREADS = 2
 
 Task = Callable[[], None]
 
@@ -38,7 +35,7 @@ class TactileRenderer:
 
     image = no-contact frame + model(loaded gel) - model(unloaded gel), less the shadows that the
     dent casts: the unloaded gel gives back the no-contact frame exactly. A pixel is sampled only
-    where its surface bends. On a processor two threads share each image.
+    where its surface bends. A processor renders in one thread.
 
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
@@ -79,14 +76,16 @@ class TactileRenderer:
         weights = cv2.getGaussianKernel(size, blur_px, cv2.CV_32F)[:, 0]
         self._weights = np.asarray(weights, dtype=np.float32)
         self._images = partial(_Images, self._blocks, rest, self._colours, shadows, self._weights)
-        self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
         self._base = self._colours.light - self._blurred_change_at_rest()
 
     def render(self, height: RealArray) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
         dents, rendered = self._single
-        dents.assign((self._rest_height - height)[None].astype(np.float32))
+        host = dents.numpy()  # a processor's own memory
+        np.subtract(self._rest_height, height, out=host[0], casting="same_kind")
+        if dents.device.is_cuda:
+            dents.assign(host)
         return np.array(rendered().numpy()[0])
 
     def prepared(self, count: int) -> tuple[Any, Callable[[], Any]]:
@@ -98,8 +97,8 @@ class TactileRenderer:
         images = self._images(count, self._base)
 
         def rendered() -> Any:
-            self._run(images.to_change)
-            self._run(images.to_bytes)
+            for stage in (*images.to_change, *images.to_bytes):
+                stage()
             return images.bytes
 
         return images.dent, rendered
@@ -112,22 +111,13 @@ class TactileRenderer:
         """Return what the model says of the unloaded gel [grey levels], [3, height, width]."""
         images = self._images(1, self._colours.light)
         images.dent.zero_()
-        self._run(images.to_change)
+        for stage in images.to_change:
+            stage()
         change = images.change.pixels(self._blocks).transpose(1, 2, 0)
         weights = self._weights
         mirror = cv2.BORDER_REFLECT_101
         blurred = cv2.sepFilter2D(change, cv2.CV_32F, weights, weights, borderType=mirror)
         return np.asarray(blurred.transpose(2, 0, 1), dtype=np.float32)
-
-    def _run(self, stages: Sequence[Sequence[Task]]) -> None:
-        """Do stages one after the other, the parts of each side by side."""
-        for first, *others in stages:
-            waiting = [self._threads.submit(other) for other in others] if self._threads else []
-            try:
-                first()
-            finally:
-                for other in waiting:
-                    other.result()
 
 
 class _Images:
@@ -150,38 +140,38 @@ class _Images:
         self.bytes: Any = empty((count, geometry.height, geometry.width, 3), wp.uint8)
         blocks = count * geometry.height * layout.row_blocks
         self.change = BlockMemory(3, blocks, layout.lanes, layout.device)
-        # Stages from dents to changes of light, and on to bytes, each of parts:
+        # Stages from dents to changes of light, and on to bytes:
         self.to_change = self._coloured(rest, colours)
         if shadows is not None:
             gain = np.ones_like(colours.light) if colours.gain is None else colours.gain
             gain_blocks = layout.pixel_rows(gain)
+            cells = DentCells(self.dent, layout.lanes)
+            self.to_change.append(cells.measure)
             for lamp in shadows.lamps:
-                self.to_change += self._darkened(lamp, shadows, gain_blocks)
+                self.to_change += self._darkened(lamp, shadows, cells, gain_blocks)
         self.to_bytes = self._exposed(weights, base, colours.response.knee)
 
-    def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
+    def _coloured(self, rest: Any, colours: PixelColours) -> list[Task]:
         layout, count = self._layout, self._count
         planes = [layout.planes(count) for _ in range(4)]
         self._dents, self._height, self._along, self._across = planes
         self._kept = [rest, *colours.inputs]
 
-        def go_on(planes: BlockMemory) -> list[Task]:
-            inputs = [layout.layout(), layout.lanes, planes.single[0]]
-            size = (count, sum(self.dent.shape[1:]))
-            return [self._device.record(kernels.continue_samples, size, inputs).launch]
+        def go_on(along_rows: BlockMemory, along_columns: BlockMemory) -> Task:
+            inputs = [layout.lanes, along_rows.single[0], along_columns.single[0]]
+            return self._record(kernels.continue_samples, (sum(self.dent.shape[1:]),), inputs)
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
-        taken = [self._along.shifted[:, 0], tilts[1], dents, self.change.blocks]
+        taken = [*tilts, dents, self.change.blocks]
         return [
             self._by_blocks(kernels.lay_out_samples, [rest, self.dent, dents, height]),
-            go_on(self._height),
-            self._by_blocks(kernels.tilt_samples, [self._height.shifted[:, 0], *tilts]),
-            go_on(self._along),
-            go_on(self._across),
+            go_on(self._height, self._height),
+            self._by_blocks(kernels.tilt_samples, [height, *tilts]),
+            go_on(self._along, self._across),
             self._by_blocks(colours.kernel, [*colours.inputs, *taken])
             if colours.function is None
-            else [partial(self._call, colours.function)],
+            else partial(self._call, colours.function),
         ]
 
     def _call(self, function: SampleColours) -> None:
@@ -201,19 +191,21 @@ class _Images:
                 )
         wp.copy(self.change.blocks, layout.pixel_rows(np.stack(changes, axis=1)))
 
-    def _darkened(self, lamp: Lamp, shadows: ShadowCaster, gain: Any) -> list[list[Task]]:
+    def _darkened(
+        self, lamp: Lamp, shadows: ShadowCaster, cells: DentCells, gain: Any
+    ) -> list[Task]:
         layout = self._layout
         fine = layout.geometry.refined(layout.samples)
-        hidden = HiddenLamp(lamp, shadows, fine, self.dent, layout.lanes)
+        hidden = HiddenLamp(lamp, shadows, fine, cells, layout.lanes)
         self._kept.append(hidden)
         light = [hidden.rays, wp.vec3f(*lamp.colour), gain]
-        samples = [hidden.hidden.single[0], self._along.blocks[0], self._across.blocks[0]]
+        samples = [hidden.hidden, hidden.marks, self._along.blocks[0], self._across.blocks[0]]
         return [
-            *(self._in_parts(hidden.rays, *stage) for stage in hidden.stages),
+            hidden.follow,
             self._by_blocks(darken_pixels, [*light, *samples, self.change.blocks]),
         ]
 
-    def _exposed(self, weights: Float32Array, base: Float32Array, knee: float) -> list[list[Task]]:
+    def _exposed(self, weights: Float32Array, base: Float32Array, knee: float) -> list[Task]:
         layout, rows = self._layout, self._layout.geometry.height
         reach = len(weights) // 2
         room = -(-reach // layout.lanes)
@@ -223,27 +215,21 @@ class _Images:
         self._kept += [blurred, taps, base_blocks]
         flat = blurred.single.reshape((3, self._count * rows, -1))
         mirror = [reach, room * layout.lanes, flat]
-        expose = [taps, room, knee, base_blocks, blurred.shifted, self.bytes]
+        expose = [taps, room, knee, base_blocks, blurred.blocks, self.bytes]
         return [
             self._by_blocks(kernels.blur_columns, [taps, room, self.change.blocks, blurred.blocks]),
-            self._in_parts(layout.layout(), kernels.mirror_ends, rows, (3,), mirror),
+            self._record(kernels.mirror_ends, (rows, 3), mirror),
             self._by_blocks(kernels.expose_pixels, expose),
         ]
 
-    def _by_blocks(self, kernel: Any, inputs: list[Any]) -> list[Task]:
+    def _by_blocks(self, kernel: Any, inputs: list[Any]) -> Task:
         layout = self._layout
-        rows, blocks = layout.geometry.height, layout.row_blocks
-        return self._in_parts(layout.layout(), kernel, rows, (blocks,), inputs)
+        return self._record(kernel, (layout.geometry.height, layout.parts), inputs)
 
-    def _in_parts(
-        self, layout: Any, kernel: Any, count: int, inner: tuple[int, ...], inputs: list[Any]
-    ) -> list[Task]:
-        """Record a launch over images, rows (or rays) and what is in them, a part a thread."""
-        parts = 1 if self._device.is_gpu else _CPU_THREADS
-        ends = [count * part // parts for part in range(parts + 1)]
-        sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
-        record = self._device.record
-        return [record(kernel, size, [layout, at, *inputs]).launch for at, size in sizes]
+    def _record(self, kernel: Any, inner: tuple[int, ...], inputs: list[Any]) -> Task:
+        taken = [self._layout.layout(), *inputs]
+        launch: Task = self._device.record(kernel, (self._count, *inner), taken).launch
+        return launch
 
 
 def nominal_renderer(

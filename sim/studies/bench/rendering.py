@@ -19,6 +19,8 @@ from sim.fields.saved_press import SurfaceState, surface_state
 from sim.optics.colour.nominal_optics import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps
+from sim.optics.markers.marker_tracking import find_markers
+from sim.optics.markers.simulated_markers import MarkerPrinter, draw_markers, marker_places
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
 from sim.replay import replay_forces, replay_scene
@@ -135,8 +137,9 @@ def measure_rendering(
             renderer, rest_m, dents_m = _look(sensor, surface, samples=samples, count=count)
             row = partial(_row, sensor, samples)
             # The deepest dent's image, rendered by itself as a replay does.
-            alone = partial(renderer().render, rest_m - dents_m[-1])
-            yield row("one by one", times_of(alone, budget_s=budget_s))
+            bare = partial(renderer().render, rest_m - dents_m[-1])
+            alone, markers = _with_markers(sensor, surface, bare)
+            yield row("one by one", times_of(alone, budget_s=budget_s), markers=markers)
         dents, batch = renderer(device=device).prepared(len(dents_m))
         dents.assign(dents_m.astype(np.float32))
         single = renderer()
@@ -154,6 +157,7 @@ def _row(
     device: str = "cpu",
     count: int = 1,
     apart: tuple[int, float] = (0, 0.0),
+    markers: int = 0,
 ) -> Row:
     """Return a row; ``apart`` is the largest difference from images drawn alone, and its share."""
     shadows = sensor.optics.shadows
@@ -164,6 +168,7 @@ def _row(
         "images": count,
         "samples": f"{samples}x{samples}",
         "shadows": 0 if shadows is None else len(shadows.lamps),
+        "markers": markers,
         "image [ms]": 1e3 * float(np.median(times_s)) / count,
         "least [ms]": 1e3 * min(times_s) / count,
         "apart [levels]": apart[0],
@@ -259,6 +264,24 @@ def _look(
     )
     depths = np.arange(1, count + 1) / count
     return renderer, maps.rest, depths[:, None, None] * (maps.rest - maps.loaded)
+
+
+def _with_markers(
+    sensor: Sensor, surface: SurfaceState, bare: Callable[[], ImageArray]
+) -> tuple[Callable[[], ImageArray], int]:
+    """Return what prints a sensor's markers over an image as well, and how many there are."""
+    geometry, grid = sensor.camera, sensor.markers
+    if grid is None:
+        return bare, 0
+    even, places = (
+        np.full((geometry.height, geometry.width, 3), _GREY, np.uint8),
+        marker_places(grid),
+    )
+    found = find_markers(draw_markers(even, places, grid.radius_m, geometry))
+    if found is None:
+        return bare, 0
+    printer = MarkerPrinter(surface.top, found, geometry)
+    return lambda: printer.image_over(bare(), surface), len(places)
 
 
 def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:

@@ -30,12 +30,6 @@ def _background() -> np.ndarray:
     return np.random.default_rng(1).integers(60, 190, (96, 128, 3)).astype(np.uint8)
 
 
-def _dent() -> np.ndarray:
-    return ball_press(
-        *camera().pad_grid(), ball_radius_m=2.35e-3, contact_radius_m=1.5e-3, tip_z_m=APEX_M - 8e-4
-    )
-
-
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 1000), degree=st.integers(1, 4), place=st.integers(0, 2))
 def test_unloaded_gel_gives_the_no_contact_frame(seed: int, degree: int, place: int) -> None:
@@ -78,9 +72,8 @@ def test_three_lamps_light_their_own_flanks() -> None:
             for channel, azimuth in enumerate((-60.0, 60.0, 180.0))
         ]
     )
-    flat = np.full((96, 128), APEX_M)
     background = np.full((96, 128, 3), 100, np.uint8)
-    image = TactileRenderer(background, flat, model, camera()).render(_dent()).astype(float)
+    image = TactileRenderer(background, FLAT, model, camera()).render(_small_dent()).astype(float)
     rows, columns = np.mgrid[:96, :128]
     for channel, azimuth in enumerate((-60.0, 60.0, 180.0)):
         excess = np.maximum(image[..., channel] - 100.0, 0.0)

@@ -101,6 +101,12 @@ def test_a_batch_renders_what_is_rendered_one_by_one(rendered: list[dict[str, An
         assert 0.0 < row["least [ms]"] <= row["image [ms]"]
 
 
+def test_an_image_alone_has_its_markers() -> None:
+    """Those that the sensor's file gives."""
+    first = next(measure_rendering(_SCENE, sensors=("gelsight-mini",), budget_s=0.1))
+    assert (first["renderer"], first["markers"]) == ("one by one", 63)
+
+
 def _bench(*manners: Manner, parts: tuple[Part, ...] = (Part.SCENES,)) -> Bench:
     terms = SceneTerms(indenter="sphere:diameter=8mm", sensor="gelsight-mini", depth="1mm")
     return Bench(
