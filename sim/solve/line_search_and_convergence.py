@@ -33,8 +33,8 @@ _HALF = wp.constant(wp.float64(0.5))
 _SHORTEST = wp.constant(wp.float64(0.1))
 _TRIES = wp.constant(40)
 # Many steps in turn are too long in the same way: each is first tried with the share of its
-# direction that would have been best in the last one by the slopes at its ends, but at most so many
-# times what was taken there, and not below the shortest; one with another factor is tried whole.
+# direction that would have been best in the last one by the slopes at its ends, but not below the
+# shortest and at most so many times what was taken; if rounding hides the energy's change, whole.
 _LONGER = wp.constant(wp.float64(1.5))
 # At a standstill, a step of so many tries, those cut by overlap among them, ends where the force
 # jumps: a point in a corner of a body has two nearest sides, and rests between them.
@@ -221,7 +221,8 @@ def _line_search(
         falls = in_noise or change <= _ARMIJO * fraction * slope
         if falls and ahead <= left * size:
             d.takes[b] = 1
-            best = fraction * size / wp.max(size + ahead, size / _LONGER)
+            share = fraction * size / wp.max(size + ahead, size / _LONGER)
+            best = wp.where(in_noise and not limits.keeps, wp.float64(1.0), share)
             d.first_try[b] = wp.clamp(best, _SHORTEST, wp.float64(1.0))
             curvature = ahead - slope
             least = _CURVATURE_MIN * wp.sqrt(d.length[b]) * wp.sqrt(sums[Sum.CHANGE])
