@@ -151,11 +151,11 @@ _UNDER_PUNCH_THAT_HOLDS = {
 # The smallest tolerance that edges of preset fast serve: a drawn punch in ten was off by more.
 _FINEST = 0.0101
 # Meshes around a footprint are finer still at the contact's edge: 25 bodies of all kinds; edges of
-# 1/0.6: 57 bodies of triangles, ten on layers, of 1/1.6: 53. Of these the share lies between the
-# references: edges of 1/2.2, and preset reference, which gave 0.6 to 0.9 % more in two of three.
+# 1/0.6: 57 bodies of triangles, of 1/1.6: 53. Of these the share lies between the references: edges
+# of 1/2.2, and preset reference, which gave 0.6 to 0.9 % more in two of three.
 _LEAVES = partial(BiasRule, of_bias=0.4)
 _ON_FOOTPRINT = {
-    0.6: _LEAVES(0.15, 0.04, share=0.1, slope=0.006, layered=0.06, over_width=True),
+    0.6: _LEAVES(0.15, 0.04, share=0.1, slope=0.006, over_width=True),
     1.0: _LEAVES(0.45, 0.025, share=0.027),
     1.6: _LEAVES(1.0, 0.0095, share=0.003, layered=0.007),
 }
@@ -207,7 +207,7 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     kind, _ = mesh_choice(replace(scene, preset=Preset.FAST))
     if kind is MeshKind.FOOTPRINT:
         rules = dict(_ON_FOOTPRINT)
-        if not is_mesh and (scene.layers or not is_sharp):
+        if scene.layers or not (is_mesh or is_sharp):
             del rules[0.6]
     elif is_sharp:
         rules = {edges: rule for edges, rule in _AT_RIM.items() if edges != 0.6}

@@ -90,15 +90,15 @@ def test_a_punch_that_holds_ends_on_shorter_edges() -> None:
 
 
 def test_a_body_of_triangles_has_longer_edges_where_that_is_enough() -> None:
-    """At 5 % and not at 3 %, its way's longer yet, on layers too."""
+    """At 5 % and not at 3 %, its way's longer yet; on layers an ellipsoid was 5 % off."""
     words = "--sensor {} --indenter object:hexagon --depth 0.4mm --tolerance {}"
     at_five, at_three, layered = (
         scene_from(words.format(*given))
         for given in (("gelsight-mini", "5%"), ("gelsight-mini", "3%"), ("9dtact", "5%"))
     )
-    assert at_five.refinement == layered.refinement == 0.6
-    assert at_five.path_refinement == layered.path_refinement == 0.6 * WAY
-    assert (at_three.refinement, at_three.path_refinement) == (1.0, WAY)
+    assert (at_five.refinement, at_five.path_refinement) == (0.6, 0.6 * WAY)
+    assert at_three.refinement == layered.refinement == 1.0
+    assert at_three.path_refinement == WAY
 
 
 @pytest.mark.parametrize(
