@@ -64,7 +64,7 @@ _SECTOR_GROWTH, _SECTOR_BASE = 0.5, 1.6
 # meshed: F_z of nine such presses is 0 to 0.9 % larger than with edges of at most 2.5 mm.
 _MOVED_SIZE_MAX_M = 4e-3
 # Of edges under a ball where a way of its own ends on preset fast's. With 2.0, a ring of elements
-# more or less above the base changes F_z by 0.5 %, and 0.9 % of 45 balls' bias remain, not 0.3 %.
+# more or less above the base changes F_z by 0.5 %: 0.9 % of F_z remained under 45 balls, now 0.3.
 _END_GROWTH = 1.7
 # Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows no
 # corner, and what it catches of one hangs on chance: F_z of a 5 mm punch, 0.5 mm deep, on three
