@@ -127,8 +127,8 @@ def _placed(noted: str, *, down: float = 1.0, unit: float = 1.0) -> Callable[[Fo
         for k, (x, y) in enumerate(places):
             # 320 columns of 0.0634 mm are 0.7 of a whole frame.
             at = (0.5 + x * 0.7 / 20.3, 0.375 + down * y * 0.7 / 20.3)
-            (folder.root / f"p{k}.png").write_bytes(image(folder.random, 0.4, at=at))
-            folder.rows.append([f"p{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
+            (folder.root / f"at{k}.png").write_bytes(image(folder.random, 0.4, at=at))
+            folder.rows.append([f"at{k}.png", "1.0", "0.3", repr(unit * x), repr(unit * y)])
 
     return change
 
