@@ -70,6 +70,15 @@ def test_what_a_bias_depends_on() -> None:
         assert rule.bias(aside) == pytest.approx(rule.bias(SCENE) + rule.beside)
 
 
+def test_more_remains_of_the_bias_deeper_than_drawn_presses_went() -> None:
+    """The ball is pressed to 0.31 of the pad's height, and to 0.29 of it."""
+    at = [
+        replace(SCENE, target=Target(depth_m=share * SCENE.pad.height_m)) for share in (0.29, 0.31)
+    ]
+    drawn, deeper = (rules_of(SCENE)[1.0].rest(each) for each in at)
+    assert 3.0 * drawn < deeper < 5.0 * drawn
+
+
 def test_more_remains_in_a_low_pad_and_in_layers() -> None:
     """Twice as much as in a high pad of one material, and 1.7 times as much."""
     low = replace(SCENE, pad=replace(SCENE.pad, height_m=2.5e-3))
