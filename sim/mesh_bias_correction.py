@@ -3,7 +3,7 @@
 A conforming mesh and a wide barrier make a gel too stiff, the more so the more it keeps its volume.
 On a mesh whose edges follow the contact's size the bias of F_z is
 
-    bias = share + slope u,    u = min(nu / (1 - 2 nu), 18)
+    bias = share + slope u,    u = min(nu / (1 - 2 nu), most)
 
 under any body. Under a smooth one deeper presses err by more, with the contact's radius:
 
@@ -76,6 +76,7 @@ class BiasRule:
     of_bias: float = 0.15  # what may remain, over the bias
     share: float = 0.0  # what every scene has
     slope: float = 0.0  # for one of u
+    most: float = 18.0  # of u: a gel that is harder to compress errs by no more
     gap: float = 0.0  # for one of d_hat over the depth
     squeeze: float = 0.0  # for one of depth over radius
     grip: float = 0.0  # for one of mu times depth over the pad's height
@@ -90,7 +91,7 @@ class BiasRule:
         poisson = max(material.poisson for material in scene.materials)
         pad, height, depth = scene.pad, scene.pad.height_m, expected_depth(scene)
         radius = contact_radius(scene, depth)
-        locking = self.slope * min(poisson / (1.0 - 2.0 * poisson), _MOST_INCOMPRESSIBLE)
+        locking = self.slope * min(poisson / (1.0 - 2.0 * poisson), self.most)
         share = self.share + self.gap * min(scene.contact_distance_m / depth, _GAP_MOST)
         share += self.squeeze * depth / radius + self.layered * bool(scene.layers)
         share += self.thin * radius / height
@@ -138,10 +139,11 @@ _UNDER_BALL: dict[float, BiasRule] = {
     1.0: BiasRule(
         0.5,
         0.003,
-        slope=8e-4,
-        gap=0.044,
-        squeeze=0.033,
-        layered=7.4e-3,
+        slope=1.4e-3,
+        most=8.0,
+        gap=0.054,
+        squeeze=0.022,
+        layered=8.7e-3,
         of_bias=0.21,
         beside=0.009,
         deeper=0.8,
@@ -149,19 +151,20 @@ _UNDER_BALL: dict[float, BiasRule] = {
     1.4: BiasRule(
         0.6,
         0.0023,
-        share=-0.0008,
-        slope=0.0008,
-        gap=0.02,
-        squeeze=0.0158,
-        grip=0.0125,
-        layered=0.0015,
+        share=0.0008,
+        slope=0.0011,
+        most=8.0,
+        gap=0.0137,
+        squeeze=0.0068,
+        grip=0.0147,
+        layered=0.0028,
         beside=0.009,
         deeper=0.4,
     ),
 }
 _UNDER_PUNCH = {
     1.0: BiasRule(
-        0.45, 8e-3, slope=1.2e-3, gap=0.071, squeeze=0.062, layered=0.011, of_bias=0.35, beside=9e-3
+        0.45, 6e-3, slope=1.2e-3, gap=0.071, squeeze=0.062, layered=0.011, of_bias=0.35, beside=9e-3
     ),
     1.6: BiasRule(0.8, 0.0026, share=0.0063, slope=0.00035, layered=0.0055, beside=0.0025),
 }
@@ -201,7 +204,6 @@ _HIGH_M, _LOWER_POWER, _LAYERED_TIMES, _SHORT = 4e-3, 1.5, 1.7, 2.0
 # Of d_hat over depth, as presses to a depth have it. It stands for how shallow a press is: another
 # barrier alone changes F_z by less.
 _GAP_MOST = 0.1
-_MOST_INCOMPRESSIBLE = 18.0
 # Of the pad's height: how near the outline is.
 _BESIDE_SHARE = 1.25
 # Of the pad's height: deeper presses were not among those that were drawn.
