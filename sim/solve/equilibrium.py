@@ -223,7 +223,7 @@ class EquilibriumSolver:
         self._descents.set(since=0, attempt=self.factor.attempt, first_try=1.0)
 
     def _run(self, state: State, grip_start: Grip | None, *, factored: bool) -> int:
-        """Let it run from a state, ``factored`` or not, give it what it asks for; say how it ended."""
+        """Run from a state, ``factored`` or not, and give what is asked for; say how it ended."""
         descents, counted = self._descents, 0
         while True:
             check_time()
