@@ -43,7 +43,8 @@ _ROUGH_END = 2e-4
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
 # ends, F_z of 40 drawn presses at 5 % changes by -0.84 to +0.45 %, under a tilted punch by -1.7 %.
-_ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH = 0.1, 4.0, 0.099
+# It ends with this residual.
+_ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH, _ROUGH_WAY = 0.1, 4.0, 0.099, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
 # 2.0 %, for 1.3 to 1.8 times the time.
@@ -125,7 +126,7 @@ def _options(scene: Scene) -> SolverOptions:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
     ends_roughly = scene.path_refinement is not None and scene.refinement <= 1.0
-    residual = _ROUGH_END if ends_roughly else share
+    residual = _ROUGH_END if ends_roughly else _ROUGH_WAY if _longer(scene) > 1.0 else share
     return SolverOptions(residual_relative=residual, load_relative=share)
 
 

@@ -140,7 +140,8 @@ def quadratic_nodes(
 def edges_of(cells: IntArray, of: Sequence[tuple[int, int]] = EDGES) -> tuple[IntArray, IntArray]:
     """Return the nodes at the ends of all edges, sorted, shape [n, 2], and the edges of cells."""
     count = np.int64(cells.max() + 1)
-    keys = np.sort(cells[:, np.array(of)], axis=2) @ np.array([count, 1])
+    one, other = (cells[:, list(ends)] for ends in zip(*of, strict=True))
+    keys = np.minimum(one, other) * count + np.maximum(one, other)
     found: Any = np.unique(keys, return_inverse=True)
     return np.column_stack(np.divmod(found[0], count)), found[1].reshape(len(cells), -1)
 

@@ -40,8 +40,8 @@ class Grading:
     size_m: float  # edge length on the stretch [m]
     growth: float = 1.6  # edge length gained per length of distance from it, plus one
     size_max_m: float = 2.5e-3  # largest edge length [m]
-    # Largest edge length up to the radius ``near_m`` [m], at every height; farther out it may be
-    # longer by the distance from there
+    # Largest edge length up to the radius ``near_m`` [m], at every height; farther out it, and that
+    # of thin layers, may be longer by the distance from there
     near_max_m: float = math.inf
     near_m: float = 0.0
 
@@ -72,12 +72,12 @@ def _target_size(points: FloatArray, bands_m: tuple[float, ...], grading: Gradin
     slope = (grading.growth - 1.0) / grading.growth
     nearest = np.clip(points[:, 0], grading.start_m, grading.end_m)
     distance = np.hypot(points[:, 0] - nearest, points[:, 1] - bands_m[-1])
-    near_max = grading.near_max_m + np.maximum(points[:, 0] - grading.near_m, 0.0)
+    beyond = np.maximum(points[:, 0] - grading.near_m, 0.0)
     size = np.minimum(grading.size_m + slope * distance, grading.size_max_m)
-    size = np.minimum(size, near_max)
+    size = np.minimum(size, grading.near_max_m + beyond)
     for low, high in pairwise(bands_m) if len(bands_m) > 2 else ():
         outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
-        size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
+        size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside + beyond)
     return np.asarray(size)
 
 

@@ -175,7 +175,7 @@ class EquilibriumSolver:
             descents.place(state, grip_start=grip_start)
             if begins_anew:
                 self.take_factor(state)
-            first, status = self.evaluations, self._run(state, grip_start)
+            first, status = self.evaluations, self._run(state, grip_start, factored=begins_anew)
             spent += int(self._now("steps"))
             if status == Status.DONE:
                 found = self._equilibrium(spent)
@@ -222,8 +222,8 @@ class EquilibriumSolver:
         self._descents.forget()
         self._descents.set(since=0, attempt=self.factor.attempt, first_try=1.0)
 
-    def _run(self, state: State, grip_start: Grip | None) -> int:
-        """Let the environment run, and give it what it asks for; say how it ended."""
+    def _run(self, state: State, grip_start: Grip | None, *, factored: bool) -> int:
+        """Run from a state, ``factored`` or not, and give what is asked for; say how it ended."""
         descents, counted = self._descents, 0
         while True:
             check_time()
@@ -239,8 +239,8 @@ class EquilibriumSolver:
             if status in (Status.DONE, Status.TOO_NEAR):
                 return status
             if status == Status.ASKS_START:
-                self._look_at_start(state)
-                self.take_factor(state)
+                if self._starts_at_rest(state) or not factored:
+                    self.take_factor(state)
                 descents.place(state, grip_start=grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
@@ -264,13 +264,15 @@ class EquilibriumSolver:
             message += f"at a contact force of {scale:.4g} N"
         return ConvergenceError(message, remedy=remedy)
 
-    def _look_at_start(self, state: State) -> None:
-        """Begin at rest in place of a start that is inside out."""
+    def _starts_at_rest(self, state: State) -> bool:
+        """Begin at rest in place of a start that is inside out, and return whether it is."""
         model, ratios = self.model, on_host(self._descents.gel_buffers[2])[0]
-        inside_out = model.discretisation.volumes[ratios <= 0.0].sum()
-        if inside_out >= _TANGLED_SHARE * model.volume_m3:
+        volume = model.discretisation.volumes[ratios <= 0.0].sum()
+        inside_out = bool(volume >= _TANGLED_SHARE * model.volume_m3)
+        if inside_out:
             state.positions = np.where(model.clamped[:, None], state.positions, model.nodes)
         refuse_deep_overlap(model, self.indenter, state)
+        return inside_out
 
     def _equilibrium(self, iterations: int) -> Equilibrium:
         descents, residual_n = self._descents, self._now("residual")
