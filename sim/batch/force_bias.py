@@ -57,7 +57,7 @@ def measured_bias(model: Model, sensor: Sensor, indenters: Sequence[Indenter]) -
         deepest = sensor.scene(body, Target(depth_m=most_m), friction=friction, **how)
         rows.append(kept((deepest, edge_of(model)), 6, partial(_measured, model, deepest, most_m)))
     table = np.array(rows)
-    constant, left = table[:, :1] * np.eye(1, 7), table[:, 1:2] * [1.0, 0.0]
+    constant, left = table[:, :1] * np.eye(1, 6), table[:, 1:2] * [1.0, 0.0]
     return ForceBias(constant, table[:, 2:], left)
 
 

@@ -24,7 +24,7 @@ _ABOVE = wp.constant(wp.float64(1.0))
 # Where an environment is: it waits for its next part, is under way, or has come to a part's end
 # where ``note`` has to say whether its load is corrected.
 _WAITS, _UNDER_WAY, _IS_LOOKED_AT = wp.constant(0), wp.constant(1), wp.constant(2)
-Known = wp.types.vector(length=7, dtype=wp.float64)  # factors of ``ForceBias.known``
+Known = wp.types.vector(length=6, dtype=wp.float64)  # factors of ``ForceBias.known``
 
 
 @wp.struct
@@ -327,8 +327,7 @@ def note(
             terms[2] = history.touched[b, 7] * area / (force * force)
             terms[3] = history.touched[b, 8] / force
             terms[4] = force / area
-            terms[5] = history.touched[b, 7] / force
-            terms[6] = terms[5] * wp.sqrt(area)
+            terms[5] = history.touched[b, 7] / wp.sqrt(area)
         by = by_force[b]
         x = wp.clamp(wp.log(wp.max(force, _NOTHING)), by[2], by[3])
         own = wp.clamp(wp.dot(known[b], terms), -_MOST_BIAS, _MOST_BIAS)

@@ -4,7 +4,7 @@ A mesh is stiffer than the gel, above all under pressure p and shear t that chan
 Contact is therefore made compliant, by a share of an edge times p over E / (1 - nu^2). This offsets
 most of the error, halves the steps of a descent, and overcorrects wide contacts. What remains is
 
-    log(F / F_fine) = (form + growing q (1 + a / H)) A / F_z^2
+    log(F / F_fine) = (form + growing q^2 a / H) A / F_z^2
                         * integral of (t^2 - p^2 + unresolved p (p - L p)) h / z
                         + narrow (h / (c^2 a))^1.5 + wide sqrt(h / H)
                         + layers (1 - E_min / E_max) h / H
@@ -26,7 +26,7 @@ is added below mu = 0.3, with N the pressure's sum less its part along the inden
 numbers were fitted to 546 presses of balls, punches and prisms on two sensors, a third with
 friction, at edges of 0.9 to 2.5 mm, against presses on fine meshes of their own, that of layers to
 40 on 9DTact, those of fillets and of N to 75 on two sensors at 1.25 mm, and those under rounded
-bodies to 74 on two sensors, 32 of them deep where DIGIT's gel is low.
+bodies to 107 on two sensors at 1.25 mm, 30 of them deep where DIGIT's gel is low.
 
 ``overlap_kernels`` describes how the force of light contacts is computed.
 """
@@ -67,7 +67,7 @@ _OVERLAP_SHARE = 0.4
 # under a rounded body, one with a small fillet, and a sharp one.
 _LAYERS, _UNRESOLVED = 0.21, 1.9
 _TERMS = np.array(
-    [[0.056, 0.34, 0.084, 0.084], [0.141, 0.269, 0.0955, 0.0], [0.094, 0.1345, 0.0955, 0.0]]
+    [[0.07, 0.32, 0.14, 0.14], [0.141, 0.269, 0.0955, 0.0], [0.094, 0.1345, 0.0955, 0.0]]
 )
 # Rims of which a fillet is small; aside and pressed, and the friction that leaves none of them.
 _FILLET, _ASIDE, _PRESSED, _ROUGH = 2.5, -0.28, 0.116, 0.3
@@ -83,9 +83,8 @@ _LEFT, _WIDE_LEFT, _LAYERS_LEFT, _NARROW_LEFT = 0.01, 0.08, 0.14, 0.028
 class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
-    ``known`` has factors of 1, A^(-3/4), S A / F_z^2, N / F_z, F_z / A, S / F_z and S A^(1/2) / F_z
-    with the sums S and N that ``ContactKernels`` makes, shape [count, 7]; ``left`` of the first
-    two, shape [count, 2].
+    ``known`` has factors of 1, A^(-3/4), S A / F_z^2, N / F_z, F_z / A and S A^(-1/2) with the sums
+    S and N that ``ContactKernels`` makes, shape [count, 6]; ``left`` of the first two, [count, 2].
     The bias has also linear x + quadratic x^2 with x = log(F_z / N), held between two ends:
     ``by_force``, shape [count, 4].
     """
@@ -102,7 +101,7 @@ class ForceBias(NamedTuple):
         """Return the bias at friction and E / (1 - nu^2) of environments, from that at 0 and 1."""
         known, left = self.known.copy(), np.maximum(1.0 - friction / _ROUGH, 0.0)
         known[:, 3:5] *= left[:, None]
-        known[:, 4:] /= moduli_pa[:, None]
+        known[:, 4:] /= moduli_pa[:, None] ** [1, 2]
         return self._replace(known=known)
 
 
@@ -206,7 +205,7 @@ def quarter_values(model: Model) -> FloatArray:
 def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     """Return the bias by ``sharp``; none where it is not known."""
     if not model.contact_options.overlap:
-        none = np.zeros((3, 7))
+        none = np.zeros((3, 6))
         return ForceBias(none, none[:, :4], np.full((3, 2), np.nan))
     edge_m, (young_pa, poisson) = edge_of(model), model.materials
     wide, narrow = edge_m / model.height_m, (edge_m * np.sqrt(np.pi)) ** 1.5
@@ -215,9 +214,8 @@ def bias_of(model: Model, inverse: ContactInverse) -> ForceBias:
     if not layered:
         unit = (1.0 - poisson.max() ** 2) / (young_pa.max() * edge_m)
         soft = inverse.middle_compliance() / unit + _BASE * wide
-    known = np.zeros((3, 7))
-    known[:, [0, 1, 2, 5]] = _TERMS * [np.sqrt(wide), narrow / soft**3, 1.0, 1.0]
-    known[:, 6] = known[:, 5] / (np.sqrt(np.pi) * model.height_m)
+    known, rise = np.zeros((3, 6)), 1.0 / (np.sqrt(np.pi) * model.height_m)
+    known[:, [0, 1, 2, 5]] = _TERMS * [np.sqrt(wide), narrow / soft**3, 1.0, rise]
     known[:, 0] += _LAYERS * layered
     known[2, 3:5] = _ASIDE, _PRESSED
     left = [_LEFT + _WIDE_LEFT * wide + _LAYERS_LEFT * layered, _NARROW_LEFT * narrow]
