@@ -88,8 +88,8 @@ def test_a_point_in_a_corner_rests_where_its_force_jumps() -> None:
     """Between a cross's two nearest sides no step brings the residual down, and it is taken."""
     words = "--sensor gelsight-mini --indenter object:cross --depth 0.424mm --preset fast"
     scene = scene_from(f"{words} --at -6.62,4.74mm --tilt -0.21,-1.13deg")
-    scene = replace(scene, refinement=0.3, tolerance=0.5)
-    path = path_for(scene, plan_effects(scene))
+    path = path_for(scene := replace(scene, refinement=0.3, tolerance=0.5), plan_effects(scene))
+    path.options = replace(path.options, residual_relative=1e-4)
     point = follow(scene, path)
     size = float(np.linalg.norm(point.force_n))
     assert point.equilibrium.stalled
