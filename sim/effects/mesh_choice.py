@@ -235,7 +235,7 @@ def is_cut(scene: Scene, *, slides: bool = True) -> bool:
     """Return whether an acute corner is deep in gel that ``slides`` past it, or else sticks."""
     body, sticks = scene.indenter, scene.contact is not ContactMode.FRICTIONLESS
     sticks = sticks and (scene.contact is ContactMode.BONDED or scene.friction >= _STICKS_FROM)
-    if not isinstance(body, MeshIndenter) or scene.has_wide_barrier or sticks is slides:
+    if not isinstance(body, MeshIndenter) or sticks is slides:
         return False
     deep = mesh_depth(scene) > _CUT_FROM * _scene_footprint(scene).radius_m
     return scene.preset is not Preset.PAPER and body.has_acute_corner and deep

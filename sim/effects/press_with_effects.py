@@ -17,6 +17,7 @@ import scipy
 
 from sim.contact.surface_and_grip import Grip, State
 from sim.effects.depth_and_inertia_scales import expected_depth, inertia_error, most_force
+from sim.effects.mesh_choice import sharp_edge_m
 from sim.effects.planned_effects import EffectPlan, full_plan
 from sim.effects.presets import ROUNDER, build_model, regularised_indenter, slips
 from sim.effects.press_outputs import PressOutputs, outputs_of
@@ -37,7 +38,8 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
-# On edges of preset fast or longer with a way of its own, an end may be as rough as this.
+# With a way of its own, an end may be as rough as this on edges of preset fast or longer, and on
+# shorter ones half as rough: it changed F_z of eight presses by at most 0.1 %.
 _ROUGH_END = 2e-4
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
@@ -124,8 +126,8 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    ends_roughly = scene.path_refinement is not None and scene.refinement <= 1.0
-    residual = _ROUGH_END if ends_roughly else share
+    end = _ROUGH_END if scene.refinement <= 1.0 else _ROUGHER
+    residual = share if scene.path_refinement is None else end
     return SolverOptions(residual_relative=residual, load_relative=share)
 
 
@@ -218,6 +220,9 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 _NEAR_TETS, _NEAR_POINTS = 12, 4
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
+# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: gel starts
+# inside of them, and a softer barrier lets corners through.
+_FIRM = 0.03
 # What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
 _AT_REST = 1e-4
 
@@ -310,7 +315,8 @@ def carried_over(
     state.positions = path.unloaded + moved
     # Where a wider barrier would not do here either; under cylinders it often does.
     if isinstance(scene.indenter, MeshIndenter) or last.state.extension < EXTENSIONS[0]:
-        state.extension = last.state.extension
+        firm = _FIRM if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene) else 1.0
+        state.extension = min(last.state.extension, firm)
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     return path.resume(state, load_n=scene.target.force_n, stiffness_n_m=last.stiffness_n_m)
 
