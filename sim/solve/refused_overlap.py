@@ -57,7 +57,7 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
     found = model.surface.forces(state.positions, indenter, state)
     deepest = -float(found.gaps.min())
     # Less is left beside an edge by an end of another mesh, and finds its way out.
-    if deepest <= 4.0 * OVERLAP_SHARE * model.height_m:
+    if deepest <= 8.0 * OVERLAP_SHARE * model.height_m:
         return
     message = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
     if deepest < _PENETRATION_SHARE * model.height_m:
