@@ -190,7 +190,7 @@ def read_plan(path: Path) -> Plan:
 _EXAMPLE = "`tacauchy-rig sweep --example > plan.toml` writes a plan with comments"
 
 
-_FORMAT = 5  # of a row's outputs; after a change all rows are computed again
+_FORMAT = 6  # of a row's outputs; after a change all rows are computed again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
