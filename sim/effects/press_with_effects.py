@@ -39,13 +39,13 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
 # With a way of its own, an end may be as rough as this on edges of preset fast or longer, and on
-# shorter ones half as rough: it changed F_z of eight presses by at most 0.1 %.
+# shorter ones half as rough, which changed F_z of eight presses by at most 0.1 %.
 _ROUGH_END = 2e-4
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
 # ends, F_z of 40 drawn presses at 5 % changes by -0.84 to +0.45 %, under a tilted punch by -1.7 %.
-# It ends with this residual.
+# Such a way ends with the last of these as its residual.
 _ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH, _ROUGH_WAY = 0.1, 4.0, 0.099, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
