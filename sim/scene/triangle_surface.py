@@ -10,6 +10,7 @@ import importlib
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -18,6 +19,7 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _EXPORT = "export the part again, as binary STL"
+_VTK = "vtkIOGeometry", "vtkFiltersCore"
 
 
 class MeshUnit(StrEnum):
@@ -67,19 +69,25 @@ def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:
 
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:
-    # Here, since importing it takes a second that most presses need not spend.
-    pyvista = importlib.import_module("pyvista")
-    reader = pyvista.get_reader(str(path)).reader
-    if path.suffix.lower() == ".stl":
-        reader.MergingOff()
+    # Here, and not all of pyvista: its import takes longer than many a press.
+    files, filters = (importlib.import_module(f"vtkmodules.{name}") for name in _VTK)
+    kind = path.suffix[1:].upper()
+    reader, errors = getattr(files, f"vtk{kind}Reader")(), []
+
+    def note(_source: Any, _event: str, text: str) -> None:
+        errors.append(text.partition("): ")[2].strip().rstrip("."))
+
+    note.CallDataType = "string0"  # type: ignore[attr-defined]
     # Unobserved, VTK prints what is wrong with a file and goes on.
-    with pyvista.VtkErrorCatcher(send_to_logging=False) as told:
-        reader.Update()
-    if errors := [each for each in told.events if each.kind == "ERROR"]:
-        why = errors[0].alert.strip().rstrip(".")
+    for source in (reader, reader.GetExecutive()):
+        source.AddObserver("ErrorEvent", note)
+    reader.SetFileName(str(path))
+    if kind == "STL":
+        reader.MergingOff()
+    reader.Update()
+    if errors:
         raise ConfigError(
-            f"{path} of {path.stat().st_size} bytes is damaged or no "
-            f"{path.suffix[1:].upper()} file: {why}",
+            f"{path} of {path.stat().st_size} bytes is damaged or no {kind} file: {errors[0]}",
             remedy=_EXPORT,
         )
     found = reader.GetOutput()
@@ -89,11 +97,15 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
             f"{path}: a corner names vertex {corners.GetRange()[1] + 1:g} of {count}",
             remedy=_EXPORT,
         )
-    mesh = pyvista.wrap(found)
-    if not mesh.is_all_triangles:
-        mesh = mesh.triangulate()
-    faces = mesh.faces.reshape(-1, 4)[:, 1:]
-    return np.array(mesh.points, dtype=np.float64), faces.astype(np.int32)
+    if not count:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)
+    cut = filters.vtkTriangleFilter()
+    cut.SetInputData(found)
+    cut.PassLinesOff()
+    cut.PassVertsOff()
+    cut.Update()
+    points, faces = cut.GetOutput().GetPoints(), cut.GetOutput().GetPolys().GetConnectivityArray()
+    return np.array(points.GetData(), dtype=np.float64), np.array(faces, np.int32).reshape(-1, 3)
 
 
 # Vertices nearer to each other than this share of the surface's size are one.
