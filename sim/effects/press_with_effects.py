@@ -26,6 +26,7 @@ from sim.scene.indenter import MeshIndenter, tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import EXTENSIONS, SolverOptions, rough_reuse
 from sim.solve.force_search import find_force
+from sim.solve.linear_solver import SAFEST
 from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
@@ -38,9 +39,10 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
-# With a way of its own, an end may be as rough as this on edges of preset fast or longer, and on
-# shorter ones half as rough, which changed F_z of eight presses by at most 0.1 %.
-_ROUGH_END = 2e-4
+# With a way of its own, an end may be as rough as this on edges of preset fast, and on shorter ones
+# half as rough, which changed F_z of eight presses by at most 0.1 %; on longer ones as the other,
+# which changed F_z of eight by at most 0.1 %, too.
+_ROUGH_END, _ROUGHEST_END = 2e-4, 1e-3
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
@@ -127,7 +129,9 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    end = _ROUGH_END if scene.refinement <= 1.0 else _ROUGHER
+    end = _ROUGH_END if scene.refinement == 1.0 else _ROUGHER
+    if scene.refinement < 1.0:
+        end = _ROUGHEST_END
     way = _ROUGH_WAY if _longer(scene) > 1.0 else share
     residual = way if scene.path_refinement is None else end
     return SolverOptions(residual_relative=residual, load_relative=share)
@@ -222,9 +226,10 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 _NEAR_TETS, _NEAR_POINTS = 12, 4
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
-# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: gel starts
-# inside of them, and a softer barrier lets corners through.
-_FIRM = 0.03
+# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer one
+# lets corners through. On long edges gel starts far inside of them: one that is all parabola frees
+# it first, to such a residual over the contact force, and both take two thirds of the evaluations.
+_FIRM, _FREED = 0.03, 0.1
 # What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
 _AT_REST = 1e-4
 
@@ -315,12 +320,26 @@ def carried_over(
     moved = _interpolated(coarse.model, last.state.positions - coarse.unloaded, path.model.nodes)
     moved[path.model.clamped] = 0.0
     state.positions = path.unloaded + moved
+    state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     # Where a wider barrier would not do here either; under cylinders it often does.
     if isinstance(scene.indenter, MeshIndenter) or last.state.extension < EXTENSIONS[0]:
-        firm = _FIRM if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene) else 1.0
-        state.extension = min(last.state.extension, firm)
-    state.grip = _taken_hold(coarse.model, last.state, path.model, state)
+        extension = last.state.extension
+        if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene):
+            if scene.refinement < 1.0:
+                state.positions = _freed(path, state)
+            extension = min(extension, _FIRM)
+        state.extension = extension
     return path.resume(state, load_n=scene.target.force_n, stiffness_n_m=last.stiffness_n_m)
+
+
+def _freed(path: LoadingPath, state: State) -> FloatArray:
+    """Return a start's nodes [m] with the gel about as far out of a body as it will be."""
+    freed, options = state.copy(), replace(path.options, residual_relative=_FREED)
+    try:
+        path.solver.settle(freed, options=options, first=SAFEST)
+    except ConvergenceError:
+        return state.positions
+    return freed.positions
 
 
 def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> FloatArray:

@@ -139,11 +139,13 @@ class EquilibriumSolver:
         load_n: float | None = None,
         must_touch: bool = False,
         options: SolverOptions,
+        first: int = 0,
     ) -> Equilibrium:
         """Move ``state`` to equilibrium, held or, on the modelled part, pushed by a load [N].
 
         Args:
             must_touch: An equilibrium in which nothing presses is none.
+            first: Attempt at a factor that it begins with, 0 the exact one, above ever safer.
 
         Raises:
             ConvergenceError: No equilibrium was found; ``state`` is left where the steps stopped.
@@ -174,14 +176,14 @@ class EquilibriumSolver:
             )
             descents.place(state, grip_start=grip_start)
             if begins_anew:
-                self.take_factor(state)
-            first, status = self.evaluations, self._run(state, grip_start, factored=begins_anew)
+                self.take_factor(state, first=first)
+            before, status = self.evaluations, self._run(state, grip_start, begins_anew, first)
             spent += int(self._now("steps"))
             if status == Status.DONE:
                 found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
-                    self._begins_anew = self.evaluations - first > self.reuse.evaluations_max
+                    self._begins_anew = self.evaluations - before > self.reuse.evaluations_max
                     return found
                 # The next states would pass through this barrier, too.
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
@@ -222,7 +224,7 @@ class EquilibriumSolver:
         self._descents.forget()
         self._descents.set(since=0, attempt=self.factor.attempt, first_try=1.0)
 
-    def _run(self, state: State, grip_start: Grip | None, *, factored: bool) -> int:
+    def _run(self, state: State, grip_start: Grip | None, factored: bool, first: int) -> int:
         """Run from a state, ``factored`` or not, and give what is asked for; say how it ended."""
         descents, counted = self._descents, 0
         while True:
@@ -240,7 +242,7 @@ class EquilibriumSolver:
                 return status
             if status == Status.ASKS_START:
                 if self._starts_at_rest(state) or not factored:
-                    self.take_factor(state)
+                    self.take_factor(state, first=first)
                 descents.place(state, grip_start=grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
