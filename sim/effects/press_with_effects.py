@@ -226,9 +226,9 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 _NEAR_TETS, _NEAR_POINTS = 12, 4
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
-# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer one
-# lets corners through. On long edges gel starts far inside of them: one that is all parabola frees
-# it first, to such a residual over the contact force, and both take two thirds of the evaluations.
+# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer
+# one lets corners through. On long edges gel starts far inside of them: one that is all parabola
+# frees it first, to such a residual over the contact force, in two thirds of the evaluations.
 _FIRM, _FREED = 0.03, 0.1
 # What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
 _AT_REST = 1e-4

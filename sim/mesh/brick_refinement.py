@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from sim.mesh.cached_tet_mesh import TetMesh, oriented, tet_volumes
-from sim.mesh.elements import boundary_faces, edges_of
+from sim.mesh.elements import EDGES, boundary_faces, edges_of
 from sim.mesh.mirror_symmetry import MirrorSymmetry
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
@@ -76,25 +76,64 @@ def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
 
 
 def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
-    """Halve edges until none is longer than 3/2 of the target length [m] at its middle."""
-    known, sizes = np.array([-1]), np.array([np.nan])
+    """Halve edges until none is longer than 3/2 of the target length [m] at its middle.
+
+    Edges are numbered as they come, and found again by name: both ends in one number.
+    """
+    vertices, tets, layers, fresh = mesh.vertices, mesh.tets, mesh.labels, mesh.tets
+    names, lengths, too_long = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.bool_)
+    known, numbers = names, names  # in order
+    of_tets, longest = np.zeros((len(EDGES), 0), np.int64), names  # a column for each
     while True:
         check_time()
-        ends, lengths, of_tets, longest = _edges(mesh)
-        middles = mesh.vertices[ends].mean(axis=1)
-        names = ends[:, 0] * _TETS_MAX + ends[:, 1]  # sorted, and the same as long as it is an edge
-        at = np.searchsorted(known, names).clip(max=len(known) - 1)
-        new, known, sizes = known[at] != names, names, sizes[at]
-        sizes[new] = size_at(middles[new])
-        too_long = lengths > _TOO_LONG * sizes
+        # What came last is not known yet: its edges, and the longest of every tetrahedron.
+        one, other = (fresh[:, list(ends)].astype(np.int64) for ends in zip(*EDGES, strict=True))
+        keys = np.minimum(one, other) * _TETS_MAX + np.maximum(one, other)
+        found, place = np.unique(keys, return_inverse=True)
+        at = np.searchsorted(known, found)
+        new = np.append(known, -1)[at] != found
+        known = np.insert(known, at[new], found[new])
+        numbers = np.insert(numbers, at[new], len(names) + np.arange(int(new.sum())))
+        names = np.concatenate([names, found[new]])
+        ends = _ends(vertices, found[new])
+        added = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        lengths = np.concatenate([lengths, added])
+        too_long = np.concatenate([too_long, added > _TOO_LONG * size_at(ends.mean(axis=1))])
+        own = numbers[np.searchsorted(known, found)][place].reshape(keys.shape)
+        # Of equally long ones the last by name is the longest.
+        most = lengths[own] == lengths[own].max(axis=1, keepdims=True)
+        last = np.where(most, keys, -1).argmax(axis=1)
+        of_tets = np.concatenate([of_tets, own.T], axis=1)
+        longest = np.concatenate([longest, own[np.arange(len(own)), last]])
         if not too_long.any():
-            return mesh
-        mesh = _halved(mesh, ends, longest, middles, _wanted(of_tets, longest, too_long))
-        if len(mesh.tets) > _TETS_MAX:
+            kept = None if mesh.layers is None else layers
+            return replace(mesh, vertices=vertices, tets=tets, layers=kept)
+        wanted = np.flatnonzero(_wanted(of_tets, longest, too_long))
+        wanted = wanted[np.argsort(names[wanted])]
+        too_long[wanted] = False
+        number = np.full(len(names), -1, dtype=np.int32)
+        number[wanted] = len(vertices) + np.arange(len(wanted))
+        vertices = np.concatenate([vertices, _ends(vertices, names[wanted]).mean(axis=1)])
+        split = number[longest] >= 0
+        edge, parents, whole = longest[split], tets[split], ~split
+        halves = [
+            np.where(parents == end[:, None], number[edge][:, None], parents)
+            for end in np.divmod(names[edge], _TETS_MAX)
+        ]
+        fresh = np.concatenate(halves)
+        tets = np.concatenate([tets[whole], fresh])
+        of_tets, longest = of_tets[:, whole], longest[whole]
+        layers = np.concatenate([layers[whole], layers[split], layers[split]])
+        if len(tets) > _TETS_MAX:
             raise ConfigError(
                 f"the mesh would have more than {_TETS_MAX} tetrahedra",
                 remedy="use a coarser preset, or larger mesh settings",
             )
+
+
+def _ends(vertices: FloatArray, names: IntArray) -> FloatArray:
+    """Return the ends of named edges [m], shape [n, 2, 3]."""
+    return vertices[np.column_stack(np.divmod(names, _TETS_MAX))]
 
 
 def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
@@ -133,7 +172,7 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
     mesh = bisected_level(base, pad, size_at)
     # Flat faces between points of a dome lie below it: on average they are to lie on it.
     top = pad.height_at(mesh.vertices[:, 0], mesh.vertices[:, 1])
-    ends = _edges(mesh)[0]
+    ends, _ = edges_of(mesh.tets)
     ends = ends[np.isclose(mesh.vertices[ends, 2], top[ends], rtol=0.0, atol=1e-9).all(axis=1)]
     middles = mesh.vertices[ends].mean(axis=1)
     below_m = np.mean(pad.height_at(middles[:, 0], middles[:, 1]) - middles[:, 2])
@@ -142,49 +181,19 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
     return replace(mesh, vertices=raised, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
 
 
-def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
-    """Return the edges' ends and lengths [m], and every tetrahedron's edges and longest edge."""
-    ends, of_tets = edges_of(mesh.tets)
-    lengths = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    own = lengths[of_tets]  # of equally long ones the last is the longest
-    longest = np.where(own == own.max(axis=1, keepdims=True), of_tets, -1).max(axis=1)
-    return ends, lengths, of_tets, longest
-
-
 def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:
     """Return which edges are to be halved now, no two of one tetrahedron."""
     marked = np.zeros(len(too_long), dtype=np.bool_)
-    reached = too_long[of_tets].any(axis=1)
+    reached = too_long[of_tets].any(axis=0)
     while True:
         marked[longest[reached]] = True
-        spread = marked[of_tets].any(axis=1)
+        spread = marked[of_tets].any(axis=0)
         if np.array_equal(spread, reached):
             break
         reached = spread
     around = np.bincount(of_tets.reshape(-1), minlength=len(marked))
     agreeing = np.bincount(longest, minlength=len(marked))
     return np.asarray(marked & (around == agreeing))
-
-
-def _halved(
-    mesh: TetMesh, ends: IntArray, longest: IntArray, middles: FloatArray, wanted: BoolArray
-) -> TetMesh:
-    number = np.full(len(wanted), -1)
-    number[wanted] = len(mesh.vertices) + np.arange(int(wanted.sum()))
-    split = wanted[longest]
-    edge = longest[split]
-    parents = mesh.tets[split]
-    middle = number[edge][:, None].astype(np.int32)
-    children = [np.where(parents == end[:, None], middle, parents) for end in ends[edge].T]
-    layers = mesh.layers
-    if layers is not None:
-        layers = np.concatenate([layers[~split], layers[split], layers[split]])
-    return replace(
-        mesh,
-        vertices=np.concatenate([mesh.vertices, middles[wanted]]),
-        tets=np.concatenate([mesh.tets[~split], *children]).astype(np.int32),
-        layers=layers,
-    )
 
 
 # Of its volume: what an element must keep when its vertices are moved.
