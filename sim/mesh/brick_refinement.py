@@ -17,6 +17,7 @@ from itertools import permutations
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sim.mesh.cached_tet_mesh import TetMesh, oriented, tet_volumes
 from sim.mesh.elements import EDGES, boundary_faces, edges_of
@@ -26,6 +27,7 @@ from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.time_limit_and_progress import check_time
 
+Numbers = NDArray[np.int64]
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
 _TOO_LONG = 1.5
 _TETS_MAX = 400_000
@@ -131,9 +133,9 @@ def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetM
             )
 
 
-def _ends(vertices: FloatArray, names: IntArray) -> FloatArray:
+def _ends(vertices: FloatArray, names: Numbers) -> FloatArray:
     """Return the ends of named edges [m], shape [n, 2, 3]."""
-    return vertices[np.column_stack(np.divmod(names, _TETS_MAX))]
+    return np.asarray(vertices[np.column_stack(np.divmod(names, _TETS_MAX))])
 
 
 def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
@@ -181,7 +183,7 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
     return replace(mesh, vertices=raised, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
 
 
-def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:
+def _wanted(of_tets: Numbers, longest: Numbers, too_long: BoolArray) -> BoolArray:
     """Return which edges are to be halved now, no two of one tetrahedron."""
     marked = np.zeros(len(too_long), dtype=np.bool_)
     reached = too_long[of_tets].any(axis=0)

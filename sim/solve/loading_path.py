@@ -287,12 +287,11 @@ class LoadingPath(Stepping):
         return self.last
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        options, share = self.model.contact_options, STEP_SHARE
+        options, first_m = self.model.contact_options, self.step_max_m
         if options.is_tangential:
-            share *= _GRIPPING_SHARE
+            first_m = min(first_m, _GRIPPING_SHARE * STEP_SHARE * self.model.height_m)
         elif options.extension < 1.0:  # only a parabola throughout forgives more
-            share = OVERLAP_SHARE
-        first_m = min(self.step_max_m, share * self.model.height_m)
+            first_m = min(first_m, OVERLAP_SHARE * self.model.height_m)
         depth = min(depth_m, first_m + self.blunted_m)
         if depth_m > 0.0:
             depth = min(depth, depth_m * self.longest_share(duration_s))
