@@ -118,7 +118,7 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
 
 def _why_needed(scene: Scene, plan: EffectPlan) -> str:
     """Say why a scene needs its friction without a try, or nothing."""
-    if any(scene.motion.shift_m) or scene.motion.twist_rad:
+    if scene.motion.moves:
         return "the indenter moves along the gel"
     if is_cut(scene) or is_cut(scene, slides=False):
         return "an acute corner this deep cuts gel that slides"

@@ -151,7 +151,7 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
     else:
         point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
     motion = scene.motion
-    if any(motion.shift_m) or motion.twist_rad:
+    if motion.moves:
         carried = path.carry(
             shift_m=motion.shift_m,
             twist_rad=motion.twist_rad,
@@ -224,6 +224,9 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 # Tetrahedra by their centres among which a point's own is looked for, and contact points that
 # another one takes what it holds on to from.
 _NEAR_TETS, _NEAR_POINTS = 12, 4
+# Of a depth or force: how far the way's mesh is used where the end state's goes on. From all of it
+# three punches that half slip were 0.4 to 1.5 % of F_z off, from this on 0.0 to 0.3 %.
+ON_WAY = 0.6
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
 # Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer
@@ -296,8 +299,9 @@ def end_state(
     for way in dict.fromkeys((rough, shorter)):
         coarse = path_for(way, plan, device=device, keeps_all=keeps_all)
         with suppress(ConvergenceError):
+            on_way = follow(part_on_way(way), coarse) if goes_on(scene, plan) else None
             last = follow(way, coarse)
-            point = carried_over(scene, coarse, last, path)
+            point = ended(scene, coarse, on_way or last, last, path)
             path.counts.newton_iterations += coarse.counts.newton_iterations
             path.counts.wall_s += coarse.counts.wall_s
             return EndState(path=path, point=point, way=outputs_of(coarse, last), way_path=coarse)
@@ -309,6 +313,35 @@ def on_own_mesh(scene: Scene, plan: EffectPlan, end: EndState, *, keeps_all: boo
     own = way_of(replace(scene, path_refinement=None))
     path = path_for(own, plan, model=end.path.model, keeps_all=keeps_all)
     return EndState(path=path, point=follow(own, path), way=end.way)
+
+
+def goes_on(scene: Scene, plan: EffectPlan) -> bool:
+    """Return whether an end state's own mesh takes the last load steps, too.
+
+    With friction, what has slid there depends on them; a motion makes all slide once more. What is
+    known of the bias under triangles and sharp rims is without it.
+    """
+    is_smooth = not isinstance(scene.indenter, MeshIndenter) and not scene.has_sharp_rim
+    by_steps = scene.target.depth_m is not None or scene.drive is Drive.LOAD
+    return plan.is_on(Effect.FRICTION) and is_smooth and by_steps and not scene.motion.moves
+
+
+def part_on_way(scene: Scene) -> Scene:
+    """Return as much of a scene as its way's mesh is used for where its own one goes on."""
+    target = scene.target
+    if target.depth_m is not None:
+        return replace(scene, target=replace(target, depth_m=ON_WAY * target.depth_m))
+    return replace(scene, target=replace(target, force_n=ON_WAY * (target.force_n or 0.0)))
+
+
+def ended(
+    scene: Scene, coarse: LoadingPath, on_way: PathPoint, last: PathPoint, path: LoadingPath
+) -> PathPoint:
+    """Settle a point of a way on another mesh and, unless it is the last one, go on there."""
+    if on_way is last:
+        return carried_over(scene, coarse, last, path)
+    carried_over(part_on_way(scene), coarse, on_way, path)
+    return replace(follow(scene, path), stiffness_n_m=last.stiffness_n_m)
 
 
 def carried_over(

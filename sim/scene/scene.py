@@ -154,7 +154,12 @@ class Motion:
     @property
     def is_straight(self) -> bool:
         """The indenter goes straight down and no further."""
-        return not any((*self.shift_m, self.twist_rad, *self.tilt_rad))
+        return not (self.moves or any(self.tilt_rad))
+
+    @property
+    def moves(self) -> bool:
+        """The indenter shifts or twists after the press."""
+        return any((*self.shift_m, self.twist_rad))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

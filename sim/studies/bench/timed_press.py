@@ -17,7 +17,7 @@ from sim.batch.sensor_model import sensor_model
 from sim.cheapest_setting import keeping, keeping_corrected
 from sim.effects.effect_choice import PRESET_TOLERANCE, plan_effects
 from sim.effects.press_outputs import outputs_of
-from sim.effects.press_with_effects import carried_over, has_own_way, path_for, way_of
+from sim.effects.press_with_effects import ON_WAY, ended, goes_on, has_own_way, path_for, way_of
 from sim.fields.stress import StressProjection
 from sim.mesh_bias_correction import correction
 from sim.optics.surface_images import SurfaceImages
@@ -116,7 +116,8 @@ def press_in_frames(
         stiffness = points[pressing_frames(scene) - 1].stiffness_n_m
         end = coarse = replace(points[-1], stiffness_n_m=stiffness)
         if own_way:
-            end = carried_over(scene, way, coarse, path)
+            on_way = points[round(ON_WAY * len(points)) - 1] if goes_on(scene, plan) else coarse
+            end = ended(scene, way, on_way, coarse, path)
         times.append((time.process_time() - cpu, time.perf_counter() - wall))
     cpu_s, wall_s = min(times)
     corrected = None
@@ -144,8 +145,7 @@ def press_in_frames(
 
 def pressing_frames(scene: Scene, count: int = FRAME_COUNT) -> int:
     """Return how many of the frames go down; a motion takes half of them."""
-    moving = any(scene.motion.shift_m) or scene.motion.twist_rad != 0.0
-    return count // 2 if moving else count
+    return count // 2 if scene.motion.moves else count
 
 
 def moves(
