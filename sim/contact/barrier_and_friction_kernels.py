@@ -277,6 +277,12 @@ class ContactKernels:
     # ``touch`` gave, and tells the pressure's change and size [N]
     hold: Any
     drag: Any  # lets anchors of sliding points follow
+
+
+@dataclass(frozen=True, slots=True)
+class BatchKernels:
+    """The kernels that only many environments at once need, likewise."""
+
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Gives force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
@@ -308,8 +314,8 @@ def add_traction(
 
 
 @cache
-def contact_kernels(*, grips: bool) -> ContactKernels:
-    """Build the kernels."""
+def _contact_at(*, grips: bool) -> Any:
+    """Build what a point's contact is."""
 
     @wp.func
     def contact_at(at: Pressed, b: wp.int32, f: wp.int32, q: wp.int32, least: wp.float64):
@@ -330,7 +336,16 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             stiffness += tangent
         return x, distance, density, n * slope, along, stiffness
 
-    @wp.kernel(enable_backward=False, module="unique")
+    return contact_at
+
+
+@cache
+def contact_kernels(*, grips: bool) -> ContactKernels:
+    """Build the kernels; in one Warp module, which hashes once what they have in common."""
+    contact_at = _contact_at(grips=grips)
+    module = f"{__name__}.{'with' if grips else 'no'}_grip"
+
+    @wp.kernel(enable_backward=False, module=module)
     def touch(
         at: Pressed,
         # Data in:
@@ -347,7 +362,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             gap_out[b, f, q] = distance
             add_traction(at.surface, b, f, q, normal + along, nodes_out)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def force(
         at: Pressed,
         # Data out:
@@ -363,7 +378,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         force_out[b, f, q] = (normal + along) * at.surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * at.surface.areas[f, q]
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def hold(
         at: Pressed,
         # Data in:
@@ -409,7 +424,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             energy[b, f, q] += at.surface.areas[f, q] * (density - before)
             add_traction(at.surface, b, f, q, pull - pulled, nodes)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def drag(
         at: Pressed,
         # Data in:
@@ -433,6 +448,14 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 if slides or held < wp.float64(1.0):
                     at.grip.anchors[b, f, q] = place - wp.transpose(here.rotation) * u
                     at.grip.held[b, f, q] = wp.float64(1.0)
+
+    return ContactKernels(touch, force, hold, drag)
+
+
+@cache
+def batch_contact_kernels(*, grips: bool) -> BatchKernels:
+    """Build the kernels that only batches need."""
+    contact_at = _contact_at(grips=grips)
 
     @wp.kernel(enable_backward=False, module="unique")
     def stiffen(
@@ -555,4 +578,4 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                     sheared = repeatable(-along * share, at.surface.shift)
                     wp.atomic_add(sheared_out, b, at.surface.faces[f, k], sheared)
 
-    return ContactKernels(touch, force, hold, drag, stiffen, wrench, spread)
+    return BatchKernels(stiffen, wrench, spread)

@@ -11,10 +11,12 @@ import numpy as np
 import warp as wp
 
 from sim.contact.barrier_and_friction_kernels import (
+    BatchKernels,
     ContactKernels,
     GripArrays,
     Pressed,
     TouchedSurface,
+    batch_contact_kernels,
     contact_kernels,
     hessian,
 )
@@ -250,6 +252,11 @@ class ContactSurface:
     def kernels(self) -> ContactKernels:
         """The kernels for any indenter."""
         return contact_kernels(grips=self._options.is_tangential)
+
+    @property
+    def batch_kernels(self) -> BatchKernels:
+        """Those of batches."""
+        return batch_contact_kernels(grips=self._options.is_tangential)
 
     def _points(self, kind: Any, count: int = 1) -> Any:
         return self._device.empty((count, *self._shape), kind)
