@@ -252,7 +252,9 @@ def held_back(
 
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
-_LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0))
+LEAST_ALONG = 0.3
+"""Of the stiffness across."""
+_LEAST_ALONG, _EXACT = wp.constant(wp.float64(LEAST_ALONG)), wp.constant(wp.float64(0.0))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
@@ -271,7 +273,8 @@ class ContactKernels:
     """The kernels, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
-    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]
+    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]; what
+    # slides has at least a share of it along its way
     force: Any
     # Holds points that touch and frees the others; takes over their pressure, corrects what
     # ``touch`` gave, and tells the pressure's change and size [N]
@@ -365,6 +368,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
     @wp.kernel(enable_backward=False, module=module)
     def force(
         at: Pressed,
+        least: wp.float64,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
         gap_out: wp.array3d(dtype=wp.float64),
@@ -372,7 +376,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
         b, f, q = wp.tid()
-        x, distance, _density, normal, along, stiffness = contact_at(at, b, f, q, _EXACT)
+        x, distance, _density, normal, along, stiffness = contact_at(at, b, f, q, least)
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
         force_out[b, f, q] = (normal + along) * at.surface.areas[f, q]

@@ -182,14 +182,16 @@ class ContactSurface:
         self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
-    def forces(self, positions: FloatArray, indenter: Indenter, state: State) -> ContactForces:
-        """Return the contact at every point."""
-        return self.forces_of(self.pressed(positions, indenter, state))
+    def forces(
+        self, positions: FloatArray, indenter: Indenter, state: State, *, least: float = 0.0
+    ) -> ContactForces:
+        """Return the contact at every point; what slides is stiff by this share of across it."""
+        return self.forces_of(self.pressed(positions, indenter, state), least=least)
 
-    def forces_of(self, pressed: Any) -> ContactForces:
+    def forces_of(self, pressed: Any, *, least: float = 0.0) -> ContactForces:
         """Return the same of what is ``Pressed`` on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        self._device.launch(self.kernels.force, (1, *self._shape), [pressed], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [pressed, least], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
