@@ -312,7 +312,7 @@ class Batch:
     def _spreading(self, hats: FloatArray) -> tuple[Any, Any]:
         """Record what sets pressure and shear, by ``quarter_hats`` at a face's contact points."""
         device, fields = self._device, [self.pressure, self.shear]
-        made, shape = self.model.surface.kernels, self.descents.contact_buffers[1].shape
+        made, shape = self.model.surface.batch_kernels, self.descents.contact_buffers[1].shape
         at = [self.descents.pressed, device.array(hats, wp.float64)]
         spread = device.record(made.spread, tuple(shape), [*at, *fields])
         areas = device.array(self.areas_m2, wp.float64)

@@ -83,7 +83,6 @@ class ContactInverse:
         """Learn whose contact to look at."""
         device, model, c = self._device, self._model, self._correction
         correct, set_tip = kernels.correct_kernels(self.kind)
-        made = model.surface.kernels
         tip_row, state = model.pattern.dof_count, descents.state
         self._places = [self._rest.places(state).launch] if device.is_gpu else []
         self._corrected = device.zeros(descents.sources.shape, self.kind)
@@ -94,11 +93,11 @@ class ContactInverse:
 
         gaps = descents.memory.gaps
         at = [descents.pressed, c.faces, c.renews, gaps, c.stiffness, c.touching]
-        stiffen = device.record(made.stiffen, tuple(descents.contact_buffers[1].shape), at)
+        made, points = model.surface.batch_kernels, tuple(descents.contact_buffers[1].shape)
         given = [descents.sources, descents.found, self._corrected, self._tips]
         self._launches = (
             device.record(kernels.choose, tuple(c.touching.shape), [state, c]),
-            stiffen,
+            device.record(made.stiffen, points, at),
             blocks(kernels.list_touching, [c]),
             blocks(kernels.factor, [state, c]),
             blocks(correct, [state, c, tip_row, self._units, self.weights, *given]),

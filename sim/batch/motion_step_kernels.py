@@ -62,7 +62,7 @@ class History:
     corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
     evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
     bias: wp.array(dtype=wp.float64)  # of the last force, as ``ForceBias``
-    touched: wp.array2d(dtype=wp.float64)  # what ``ContactKernels.wrench`` gives, shape [..., 13]
+    touched: wp.array2d(dtype=wp.float64)  # what ``BatchKernels.wrench`` gives, shape [..., 13]
     light: wp.array(dtype=wp.vec3d)  # what ``overlap_kernels.overlap`` tells
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     turns: wp.array(dtype=wp.quatd)  # in the last state, indenter frame to pad frame

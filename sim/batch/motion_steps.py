@@ -203,7 +203,7 @@ class Frames:
         wrenched = [there, parts, history.arrives, *formed, history.touched]
         noted = [*biased, state, seen, self.motions, history, self.found]
         return look, [
-            record(made.wrench, (*own, shared), wrenched, shared),
+            record(model.surface.batch_kernels.wrench, (*own, shared), wrenched, shared),
             record(overlap, (*own, many), [*held, history.light], many),
             record(kernels.note, own, noted),
         ]

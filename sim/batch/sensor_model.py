@@ -84,7 +84,7 @@ class ForceBias(NamedTuple):
     """The bias of environments' forces, and what may remain of it; relative to them.
 
     ``known`` has factors of 1, A^(-3/4), S A / F_z^2, N / F_z, F_z / A and S A^(-1/2) with the sums
-    S and N that ``ContactKernels`` makes, shape [count, 6]; ``left`` of the first two, [count, 2].
+    S and N that ``BatchKernels`` makes, shape [count, 6]; ``left`` of the first two, [count, 2].
     The bias has also linear x + quadratic x^2 with x = log(F_z / N), held between two ends:
     ``by_force``, shape [count, 4].
     """

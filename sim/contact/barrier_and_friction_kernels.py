@@ -252,7 +252,9 @@ def held_back(
 
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
-_LEAST_ALONG, _EXACT = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.0))
+LEAST_ALONG = 0.3
+"""Of the stiffness across."""
+_LEAST_ALONG, _EXACT = wp.constant(wp.float64(LEAST_ALONG)), wp.constant(wp.float64(0.0))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
 _FULLY = wp.constant(wp.float64(0.03))
@@ -271,12 +273,19 @@ class ContactKernels:
     """The kernels, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
-    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]
+    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]; what
+    # slides has at least a share of it along its way
     force: Any
     # Holds points that touch and frees the others; takes over their pressure, corrects what
     # ``touch`` gave, and tells the pressure's change and size [N]
     hold: Any
     drag: Any  # lets anchors of sliding points follow
+
+
+@dataclass(frozen=True, slots=True)
+class BatchKernels:
+    """The kernels that only many environments at once need, likewise."""
+
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Gives force [N] and moment about the tip [N m] on the indenter, what touches of the area at
     # rest [m^2] by several points of shape functions ``others`` for every one, and the square of
@@ -308,8 +317,8 @@ def add_traction(
 
 
 @cache
-def contact_kernels(*, grips: bool) -> ContactKernels:
-    """Build the kernels."""
+def _contact_at(*, grips: bool) -> Any:
+    """Build what a point's contact is."""
 
     @wp.func
     def contact_at(at: Pressed, b: wp.int32, f: wp.int32, q: wp.int32, least: wp.float64):
@@ -330,7 +339,16 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             stiffness += tangent
         return x, distance, density, n * slope, along, stiffness
 
-    @wp.kernel(enable_backward=False, module="unique")
+    return contact_at
+
+
+@cache
+def contact_kernels(*, grips: bool) -> ContactKernels:
+    """Build the kernels; in one Warp module, which hashes once what they have in common."""
+    contact_at = _contact_at(grips=grips)
+    module = f"{__name__}.{'with' if grips else 'no'}_grip"
+
+    @wp.kernel(enable_backward=False, module=module)
     def touch(
         at: Pressed,
         # Data in:
@@ -347,9 +365,10 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             gap_out[b, f, q] = distance
             add_traction(at.surface, b, f, q, normal + along, nodes_out)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def force(
         at: Pressed,
+        least: wp.float64,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
         gap_out: wp.array3d(dtype=wp.float64),
@@ -357,13 +376,13 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
         stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
         b, f, q = wp.tid()
-        x, distance, _density, normal, along, stiffness = contact_at(at, b, f, q, _EXACT)
+        x, distance, _density, normal, along, stiffness = contact_at(at, b, f, q, least)
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
         force_out[b, f, q] = (normal + along) * at.surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * at.surface.areas[f, q]
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def hold(
         at: Pressed,
         # Data in:
@@ -409,7 +428,7 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
             energy[b, f, q] += at.surface.areas[f, q] * (density - before)
             add_traction(at.surface, b, f, q, pull - pulled, nodes)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
     def drag(
         at: Pressed,
         # Data in:
@@ -433,6 +452,14 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                 if slides or held < wp.float64(1.0):
                     at.grip.anchors[b, f, q] = place - wp.transpose(here.rotation) * u
                     at.grip.held[b, f, q] = wp.float64(1.0)
+
+    return ContactKernels(touch, force, hold, drag)
+
+
+@cache
+def batch_contact_kernels(*, grips: bool) -> BatchKernels:
+    """Build the kernels that only batches need."""
+    contact_at = _contact_at(grips=grips)
 
     @wp.kernel(enable_backward=False, module="unique")
     def stiffen(
@@ -555,4 +582,4 @@ def contact_kernels(*, grips: bool) -> ContactKernels:
                     sheared = repeatable(-along * share, at.surface.shift)
                     wp.atomic_add(sheared_out, b, at.surface.faces[f, k], sheared)
 
-    return ContactKernels(touch, force, hold, drag, stiffen, wrench, spread)
+    return BatchKernels(stiffen, wrench, spread)

@@ -11,10 +11,12 @@ import numpy as np
 import warp as wp
 
 from sim.contact.barrier_and_friction_kernels import (
+    BatchKernels,
     ContactKernels,
     GripArrays,
     Pressed,
     TouchedSurface,
+    batch_contact_kernels,
     contact_kernels,
     hessian,
 )
@@ -180,14 +182,16 @@ class ContactSurface:
         self._device.launch(self.kernels.touch, (1, *self._shape), inputs, list(buffers))
         return float(on_host(buffers[1]).sum())
 
-    def forces(self, positions: FloatArray, indenter: Indenter, state: State) -> ContactForces:
-        """Return the contact at every point."""
-        return self.forces_of(self.pressed(positions, indenter, state))
+    def forces(
+        self, positions: FloatArray, indenter: Indenter, state: State, *, least: float = 0.0
+    ) -> ContactForces:
+        """Return the contact at every point; what slides is stiff by this share of across it."""
+        return self.forces_of(self.pressed(positions, indenter, state), least=least)
 
-    def forces_of(self, pressed: Any) -> ContactForces:
+    def forces_of(self, pressed: Any, *, least: float = 0.0) -> ContactForces:
         """Return the same of what is ``Pressed`` on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
-        self._device.launch(self.kernels.force, (1, *self._shape), [pressed], out)
+        self._device.launch(self.kernels.force, (1, *self._shape), [pressed, least], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
@@ -250,6 +254,11 @@ class ContactSurface:
     def kernels(self) -> ContactKernels:
         """The kernels for any indenter."""
         return contact_kernels(grips=self._options.is_tangential)
+
+    @property
+    def batch_kernels(self) -> BatchKernels:
+        """Those of batches."""
+        return batch_contact_kernels(grips=self._options.is_tangential)
 
     def _points(self, kind: Any, count: int = 1) -> Any:
         return self._device.empty((count, *self._shape), kind)

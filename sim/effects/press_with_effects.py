@@ -378,7 +378,7 @@ def _freed(path: LoadingPath, state: State) -> FloatArray:
 def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> FloatArray:
     """Return a quadratic model's nodal values at places in or beside its undeformed gel, [n, 3]."""
     corners = model.nodes[model.elements[:, :4]]
-    to_shares = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    to_shares = model.discretisation.inverse_jacobians
     count = min(_NEAR_TETS, len(corners))
     _, near = scipy.spatial.KDTree(corners.mean(axis=1)).query(places, k=count)
     near = np.asarray(near).reshape(len(places), count)

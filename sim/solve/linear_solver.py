@@ -22,6 +22,7 @@ import scipy.sparse.linalg
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.contact.barrier_and_friction_kernels import LEAST_ALONG
 from sim.contact.surface_and_grip import State
 from sim.device import Device, on_host
 from sim.mesh.clamping_and_sparsity import SparsePattern
@@ -252,7 +253,8 @@ class StiffnessFactor:
             ConvergenceError: No safe matrix was found.
         """
         model = self._model
-        contact = model.surface.forces(state.positions, self._indenter, state)
+        least = LEAST_ALONG if model.contact_options.is_wide else 0.0
+        contact = model.surface.forces(state.positions, self._indenter, state, least=least)
         for attempt in range(first, SAFEST + 1):
             data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
             shift = _SHIFTS[max(0, attempt - 2)]

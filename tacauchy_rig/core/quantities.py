@@ -38,6 +38,9 @@ UNITS: dict[Dimension, dict[str, float]] = {each: _TABLES[each]["units"] for eac
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 _COMMA = re.compile(r"^\s*[-+]?\d*,\d")
 
+FREE = "free"
+"""Metadata of a field that may hold any number; others are refused where files are read."""
+
 
 def split_quantity(text: str) -> tuple[float, str] | None:
     """Return the number and the unit that ``text`` consists of, or None if it has no number."""

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Literal, Self
 
+from tacauchy_rig.core.quantities import FREE
+
 SIMULATED_MARK = "SIMULATED: emulated devices"
 IMPORTED_MARK = "IMPORTED: recorded elsewhere"
 
@@ -150,10 +152,6 @@ class Outcome(StrEnum):
     FAULT = "fault"
     ABORTED = "aborted"
     IMPORTED = "imported"
-
-
-FREE = "free"
-"""Metadata of a field that may hold any number; others are refused where files are read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

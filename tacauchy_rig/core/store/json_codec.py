@@ -25,7 +25,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import FREE
+from tacauchy_rig.core.quantities import FREE
 from tacauchy_rig.core.store.run_files import read_bytes
 
 T = TypeVar("T")
