@@ -48,7 +48,7 @@ _WAY_ROUGHER = 10.0
 # Where a tolerance leaves a way as much as this, its steps are so many times longer: with the rough
 # ends, F_z of 40 drawn presses at 5 % changes by -0.84 to +0.45 %, under a tilted punch by -1.7 %.
 # Such a way ends with the last of these as its residual.
-_ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH, _ROUGH_WAY = 0.1, 4.0, 0.099, 3e-3
+_ROUGH_FROM, _ROUGH_STEPS, _NOT_ROUGH, _ROUGH_WAY = 0.1, 4.0, 0.099, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
 # 2.0 %, for 1.3 to 1.8 times the time.
@@ -230,8 +230,8 @@ ON_WAY = 0.6
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
 # Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer
-# one lets corners through. On long edges gel starts far inside of them: one that is all parabola
-# frees it first, to such a residual over the contact force, in two thirds of the evaluations.
+# one lets corners through. On long edges gel starts far inside of them: with the safest factor it
+# is freed first, to such a residual over the contact force, for three quarters of the evaluations.
 _FIRM, _FREED = 0.03, 0.1
 # What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
 _AT_REST = 1e-4
@@ -356,12 +356,11 @@ def carried_over(
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     # Where a wider barrier would not do here either; under cylinders it often does.
     if isinstance(scene.indenter, MeshIndenter) or last.state.extension < EXTENSIONS[0]:
-        extension = last.state.extension
+        state.extension = last.state.extension
         if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene):
+            state.extension = min(state.extension, _FIRM)
             if scene.refinement < 1.0:
                 state.positions = _freed(path, state)
-            extension = min(extension, _FIRM)
-        state.extension = extension
     return path.resume(state, load_n=scene.target.force_n, stiffness_n_m=last.stiffness_n_m)
 
 
