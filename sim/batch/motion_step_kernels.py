@@ -243,6 +243,8 @@ def go_on(
             motions.done[b] = 0
         else:
             history.moves[b] = 0
+            found.evaluations[motions.frame[b], b] = spent
+            history.evaluated[b] = d.evaluations[b]
     if history.moves[b] == 1 and history.stage[b] == _WAITS:
         busy_out[0] = 1
         history.starts[b] = 1
@@ -397,6 +399,7 @@ def put_back(
             history.tips[b, 0] = poses.tips[b]
             history.tips[b, 1] = poses.tips[b]
             history.settled[b] = 0
+            history.corrected[b] = 0
             history.bias[b] = wp.float64(0.0)
 
 
@@ -406,6 +409,7 @@ def let_go(wanted: wp.array(dtype=wp.int32), grip: GripArrays):
     b, f, q = wp.tid()
     if wanted[b] == 1:
         grip.held[b, f, q] = wp.float64(0.0)
+        grip.loads[b, f, q] = wp.vec3d()
 
 
 @wp.kernel(enable_backward=False)

@@ -49,8 +49,10 @@ _ROUNDING_OF_SCALE = wp.constant(wp.float64(4.5 * KERNEL_EPSILON))
 _GRIP_FROM = wp.constant(wp.float64(0.1))
 _GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # After so many steps half of its change is taken over, after twice as many a third, and so on. With
-# an inverse that is never made anew ``damping`` follows what the change does.
+# an inverse that is never made anew ``damping`` follows what the change does, until so many steps
+# show that it goes up and down around a sharp edge for ever; then it is a share that settles.
 _HALF_AFTER = wp.constant(100)
+_LATE, _LATE_DAMPING = wp.constant(40), wp.constant(16)
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
@@ -183,7 +185,9 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, grip: wp.float64):
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)) and not _is_held_for_good(d, b, limits):
                 d.mode[b] = Mode.HELD
-                d.holding[b] = wp.where(limits.keeps, d.damping[b], 1 + d.recorded[b] / _HALF_AFTER)
+                d.holding[b] = 1 + d.recorded[b] / _HALF_AFTER
+                if limits.keeps:
+                    d.holding[b] = wp.where(d.recorded[b] >= _LATE, _LATE_DAMPING, d.damping[b])
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1
