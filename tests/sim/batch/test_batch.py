@@ -282,7 +282,7 @@ def test_who_takes_no_part_stays(smooth: Model) -> None:
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
 def test_a_repetition_is_the_same_to_the_bit(device: str) -> None:
-    """Wrenches and nodes of presses that slide, from two batches."""
+    """Wrenches and nodes of presses that slide, from two batches, and after a reset."""
     model = sensor_model(PAD, GEL, edge_m=2e-3, friction=0.5, device=device)
     poses = np.array([[_pose(x, 0, 0.4e-3) for x in (-0.1e-3, 0, 0.3e-3)]] * 2)
     poses[1, :, 1] = 0.2e-3
@@ -290,8 +290,11 @@ def test_a_repetition_is_the_same_to_the_bit(device: str) -> None:
     for _ in range(2):
         batch = Batch(model, [BALL, BLOCK], [0, 1, 0])
         found.append((batch.follow(poses).raw_wrench, on_host(batch.positions).copy()))
-    for first, second in zip(*found, strict=True):
-        np.testing.assert_array_equal(first, second)
+    batch.reset()
+    found.append((batch.follow(poses).raw_wrench, on_host(batch.positions).copy()))
+    for first, *others in zip(*found, strict=True):
+        for other in others:
+            np.testing.assert_array_equal(first, other)
 
 
 def test_forces_sum_to_the_same_in_any_order(smooth: Model) -> None:
