@@ -105,7 +105,7 @@ class BiasRule:
         return bias * height / radius if self.over_width else bias
 
     def rest(self, scene: Scene, *, share: float = 1.0) -> float:
-        """Return what may remain of a scene's bias, of F_z or, with the share of it, of the depth."""
+        """Return what may remain of a scene's bias: of F_z or, by its share, of the depth."""
         depth = expected_depth(scene)
         slender, least = depth / contact_radius(scene, depth), self.least_rest
         deep = slender * (_DEEP_LAYERED if scene.layers and slender > 1.0 else _DEEP_REST)
@@ -217,9 +217,9 @@ _FOLDED, _FOLD_SHARE = 0.045, 0.25
 _DRAWN_SHARE, _DRAWN_RADII = 0.3, 0.55
 _DEEP_LAYERED = 0.0145  # two layered punches deeper than their radius were off by almost as much
 _DEEP_REST = 0.006  # what may remain, for one of depth over radius
-# Fewer edges fit in a lower pad. Of F_z remained (root mean square, 190 drawn scenes), at 5 % and at
+# Fewer edges fit in a lower pad. Of F_z remained (root mean square, 190 drawn scenes), at 5 and at
 # 1 %, under balls 0.34 and 0.14 % in pads of 4 mm, 0.30 and 0.22 % in 2.5 mm, 0.39 and 0.16 % in
-# layers; under punches 0.59 and 0.16, 0.87 and 0.20, 0.65 and 0.24 %.
+# layers; under punches 0.59 and 0.14, 0.87 and 0.17, 0.65 and 0.22 %.
 _HIGH_M, _LAYERED_TIMES = 4e-3, 1.35
 # Of d_hat over depth, as presses to a depth have it. It stands for how shallow a press is: another
 # barrier alone changes F_z by less.
