@@ -135,31 +135,32 @@ def fold_error(scene: Scene) -> float:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to 443
-# drawn scenes, those of balls to 164 more, and what may remain under round bodies to another 190.
+# drawn scenes, those of balls to 164 more, and what may remain under round bodies to another 262, of
+# which 95 % keep what is stated; the median of stated over true error is 3.6 (5 %) and 3.3 (1 %).
 _UNDER_BALL: dict[float, BiasRule] = {
     1.0: BiasRule(
         0.5,
-        0.006,
+        0.0066,
         slope=1.56e-3,
         most=8.0,
         gap=0.033,
         squeeze=0.0277,
         layered=8.7e-3,
-        of_bias=0.22,
+        of_bias=0.24,
         beside=0.009,
         deeper=0.8,
         lower=0.0,
     ),
     1.4: BiasRule(
         0.6,
-        0.0027,
+        0.003,
         slope=0.00108,
         most=8.0,
         gap=0.0076,
         squeeze=0.0119,
         grip=0.0099,
         layered=0.0045,
-        of_bias=0.2,
+        of_bias=0.22,
         beside=0.009,
         deeper=0.4,
     ),
@@ -167,18 +168,18 @@ _UNDER_BALL: dict[float, BiasRule] = {
 _UNDER_PUNCH = {
     1.0: BiasRule(
         0.45,
-        0.011,
+        0.012,
         slope=1.2e-3,
         gap=0.071,
         squeeze=0.062,
         layered=0.011,
-        of_bias=0.28,
+        of_bias=0.3,
         beside=9e-3,
         lower=1.0,
     ),
     1.6: BiasRule(
         0.8,
-        0.0033,
+        0.0036,
         slope=0.00062,
         squeeze=0.0136,
         thin=0.0035,
@@ -189,7 +190,7 @@ _UNDER_PUNCH = {
 }
 _UNDER_PUNCH_THAT_HOLDS = {
     1.0: _UNDER_PUNCH[1.0],
-    2.2: BiasRule(1.4, 0.0027, share=0.0025, slope=0.00018, thin=-0.003, grip=0.025),
+    2.2: BiasRule(1.4, 0.003, share=0.0025, slope=0.00018, thin=-0.003, grip=0.025),
 }
 # The smallest tolerance that edges of preset fast serve: a drawn punch in ten was off by more.
 _FINEST = 0.0101
