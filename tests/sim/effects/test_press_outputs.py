@@ -107,19 +107,30 @@ CARRIED = replace(
     path_refinement=0.6,
 )
 PLAN = full_plan(CARRIED)
+SLIPS = replace(
+    CARRIED,
+    contact=ContactMode.FRICTION,
+    friction=0.3,
+    indenter=Cylinder(diameter_m=5e-3, fillet_m=0.3e-3),
+    target=Target(depth_m=0.6e-3),
+)
 
 
 @pytest.mark.parametrize(
     ("scene", "apart"),
     [
         (CARRIED, 2e-3),
-        (replace(CARRIED, contact=ContactMode.FRICTION, friction=0.5), 1e-2),
+        (replace(CARRIED, contact=ContactMode.FRICTION, friction=0.5), 1.2e-3),
+        (SLIPS, 5e-3),
         (replace(CARRIED, target=Target(force_n=0.2)), 2e-3),
     ],
-    ids=["frictionless", "friction", "to a force"],
+    ids=["frictionless", "friction", "friction under a punch", "to a force"],
 )
 def test_the_end_is_that_of_a_way_on_the_same_mesh(scene: Scene, apart: float) -> None:
-    """Force and depth are those of all steps on the fine mesh; with friction nearly so."""
+    """Force and depth are those of all steps on the fine mesh.
+
+    With friction the last of them are: a punch's force would be 1.3 % off without.
+    """
     plan = full_plan(scene)
     found = end_state(scene, plan)
     path = path_for(scene, plan, model=found.path.model)
