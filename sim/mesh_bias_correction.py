@@ -135,8 +135,8 @@ def fold_error(scene: Scene) -> float:
 
 
 # Rules by refinement of the end state's mesh against preset fast, the cheapest first, fitted to 443
-# drawn scenes, those of balls to 164 more, and what may remain under round bodies to another 262, of
-# which 95 % keep what is stated; the median of stated over true error is 3.6 (5 %) and 3.3 (1 %).
+# drawn scenes, those of balls to 164 more. What may remain under round bodies was fitted to another
+# 262: 95 % keep what is stated; the median of stated over true error is 3.6 at 5 % and 3.3 at 1 %.
 _UNDER_BALL: dict[float, BiasRule] = {
     1.0: BiasRule(
         0.5,
