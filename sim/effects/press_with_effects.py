@@ -26,7 +26,6 @@ from sim.scene.indenter import MeshIndenter, tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import EXTENSIONS, SolverOptions, rough_reuse
 from sim.solve.force_search import find_force
-from sim.solve.linear_solver import SAFEST
 from sim.solve.load_steps import STEP_SHARE
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
@@ -129,7 +128,7 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    end = _ROUGH_END if scene.refinement == 1.0 else _ROUGHER
+    end = _ROUGHER if scene.refinement > 1.0 else _ROUGH_END
     if scene.refinement < 1.0:
         end = _ROUGHEST_END
     way = _ROUGH_WAY if _longer(scene) > 1.0 else share
@@ -229,10 +228,9 @@ _NEAR_TETS, _NEAR_POINTS = 12, 4
 ON_WAY = 0.6
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
-# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: a softer
-# one lets corners through. On long edges gel starts far inside of them: with the safest factor it
-# is freed first, to such a residual over the contact force, for three quarters of the evaluations.
-_FIRM, _FREED = 0.03, 0.1
+# Share of d_hat below which the barrier is a parabola, at an end under sharp triangles: gel starts
+# inside of them, and a softer barrier lets corners through.
+_FIRM = 0.03
 # What inertia changes at most where a press ends at rest; it then only chooses among equilibria.
 _AT_REST = 1e-4
 
@@ -356,22 +354,9 @@ def carried_over(
     state.grip = _taken_hold(coarse.model, last.state, path.model, state)
     # Where a wider barrier would not do here either; under cylinders it often does.
     if isinstance(scene.indenter, MeshIndenter) or last.state.extension < EXTENSIONS[0]:
-        state.extension = last.state.extension
-        if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene):
-            state.extension = min(state.extension, _FIRM)
-            if scene.refinement < 1.0:
-                state.positions = _freed(path, state)
+        firm = _FIRM if isinstance(scene.indenter, MeshIndenter) and sharp_edge_m(scene) else 1.0
+        state.extension = min(last.state.extension, firm)
     return path.resume(state, load_n=scene.target.force_n, stiffness_n_m=last.stiffness_n_m)
-
-
-def _freed(path: LoadingPath, state: State) -> FloatArray:
-    """Return a start's nodes [m] with the gel about as far out of a body as it will be."""
-    freed, options = state.copy(), replace(path.options, residual_relative=_FREED)
-    try:
-        path.solver.settle(freed, options=options, first=SAFEST)
-    except ConvergenceError:
-        return state.positions
-    return freed.positions
 
 
 def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> FloatArray:

@@ -143,13 +143,11 @@ class EquilibriumSolver:
         load_n: float | None = None,
         must_touch: bool = False,
         options: SolverOptions,
-        first: int = 0,
     ) -> Equilibrium:
         """Move ``state`` to equilibrium, held or, on the modelled part, pushed by a load [N].
 
         Args:
             must_touch: An equilibrium in which nothing presses is none.
-            first: Attempt at a factor that it begins with, 0 the exact one, above ever safer.
 
         Raises:
             ConvergenceError: No equilibrium was found; ``state`` is left where the steps stopped.
@@ -180,14 +178,14 @@ class EquilibriumSolver:
             )
             descents.place(state, grip_start=grip_start)
             if begins_anew:
-                self.take_factor(self._about_to_touch(state), first=first)
-            before, status = self.evaluations, self._run(state, grip_start, begins_anew, first)
+                self.take_factor(self._about_to_touch(state))
+            first, status = self.evaluations, self._run(state, grip_start, factored=begins_anew)
             spent += int(self._now("steps"))
             if status == Status.DONE:
                 found = self._equilibrium(spent)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
-                    self._begins_anew = self.evaluations - before > self.reuse.evaluations_max
+                    self._begins_anew = self.evaluations - first > self.reuse.evaluations_max
                     return found
                 # The next states would pass through this barrier, too.
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
@@ -238,7 +236,7 @@ class EquilibriumSolver:
             self.model.surface.refresh_grip(self.indenter, nearer)
         return nearer
 
-    def _run(self, state: State, grip_start: Grip | None, factored: bool, first: int) -> int:
+    def _run(self, state: State, grip_start: Grip | None, *, factored: bool) -> int:
         """Run from a state, ``factored`` or not, and give what is asked for; say how it ended."""
         descents, counted = self._descents, 0
         while True:
@@ -256,7 +254,7 @@ class EquilibriumSolver:
                 return status
             if status == Status.ASKS_START:
                 if self._starts_at_rest(state) or not factored:
-                    self.take_factor(state, first=first)
+                    self.take_factor(state)
                 descents.place(state, grip_start=grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):

@@ -214,8 +214,6 @@ def _address(array: NDArray[Any]) -> ctypes.c_void_p:
 logger = logging.getLogger(__name__)
 # Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
-SAFEST = 1 + len(_SHIFTS)
-"""The attempt with all of it, which bears a start that is no equilibrium."""
 # Least stiffness that holds a pushed indenter, over E H with the pad's height H: where nothing
 # touches it goes down by the longest step.
 _HELD = 1e-6
@@ -255,7 +253,7 @@ class StiffnessFactor:
         model = self._model
         least = LEAST_ALONG if model.contact_options.is_wide else 0.0
         contact = model.surface.forces(state.positions, self._indenter, state, least=least)
-        for attempt in range(first, SAFEST + 1):
+        for attempt in range(first, 2 + len(_SHIFTS)):
             data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
             shift = _SHIFTS[max(0, attempt - 2)]
             if shift > 0.0:
