@@ -39,17 +39,11 @@ class SparsePattern:
         return len(self.free_dofs)
 
     def slots(self, elements: IntArray) -> IntArray:
-        """Return 2 * block index + transposed for each node pair, shape [n, k, k].
-
-        It is -1 for none, and where the first node of a pair comes after the second.
-        """
-        first, second = np.triu_indices(elements.shape[1])
-        rows, columns = self.block_row[elements[:, first]], self.block_row[elements[:, second]]
+        """Return 2 * block index + transposed for each node pair, shape [n, k, k]; -1 for none."""
+        rows, columns = _pairs(self.block_row[elements])
         index = np.searchsorted(self.block_keys, _keys(rows, columns, len(self.block_row)))
-        slots = np.full((*elements.shape, elements.shape[1]), -1, dtype=np.int32)
-        is_none = (rows < 0) | (columns < 0)
-        slots[:, first, second] = np.where(is_none, -1, 2 * index + (rows > columns))
-        return slots
+        slots = 2 * index + (rows > columns)
+        return np.where((rows < 0) | (columns < 0), -1, slots).astype(np.int32)
 
     def upper(self, data: FloatArray) -> scipy.sparse.csr_matrix:
         """Return the upper triangle with CSR values."""
@@ -71,9 +65,8 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     moving = np.flatnonzero(~fixed.all(axis=1))
     block_row = np.full(len(fixed), -1, dtype=np.int32)
     block_row[moving] = np.arange(len(moving), dtype=np.int32)
-    first, second = np.triu_indices(elements.shape[1])
-    rows, columns = block_row[elements[:, first]], block_row[elements[:, second]]
-    kept = (rows >= 0) & (columns >= 0)
+    rows, columns = _pairs(block_row[elements])
+    kept = (rows >= 0) & (rows <= columns)
     keys = np.sort(_keys(rows[kept], columns[kept], len(fixed)))
     block_keys = keys[np.diff(keys, prepend=-1) > 0]
     free_dofs = np.flatnonzero(~fixed.reshape(-1))
