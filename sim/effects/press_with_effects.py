@@ -129,8 +129,7 @@ def _options(scene: Scene) -> SolverOptions:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
     end = _ROUGHER if scene.refinement > 1.0 else _ROUGH_END
-    if scene.refinement < 1.0:
-        end = _ROUGHEST_END
+    end = _ROUGHEST_END if scene.refinement < 1.0 else end
     way = _ROUGH_WAY if _longer(scene) > 1.0 else share
     residual = way if scene.path_refinement is None else end
     return SolverOptions(residual_relative=residual, load_relative=share)
