@@ -253,7 +253,7 @@ def held_back(
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
 LEAST_ALONG = 0.3
-"""Of the stiffness across."""
+"""Of a preconditioner: least stiffness along a sliding point's way, over that across it."""
 _LEAST_ALONG, _EXACT = wp.constant(wp.float64(LEAST_ALONG)), wp.constant(wp.float64(0.0))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
@@ -273,8 +273,8 @@ class ContactKernels:
     """The kernels, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
-    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]; what
-    # slides has at least a share of it along its way
+    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]; along
+    # a sliding point's way this is at least a share of that across it
     force: Any
     # Holds points that touch and frees the others; takes over their pressure, corrects what
     # ``touch`` gave, and tells the pressure's change and size [N]
@@ -284,7 +284,7 @@ class ContactKernels:
 
 @dataclass(frozen=True, slots=True)
 class BatchKernels:
-    """The kernels that only many environments at once need, likewise."""
+    """The kernels that only batches need, with or without what resists along the surface."""
 
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     # Gives force [N] and moment about the tip [N m] on the indenter, what touches of the area at

@@ -185,7 +185,11 @@ class ContactSurface:
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, least: float = 0.0
     ) -> ContactForces:
-        """Return the contact at every point; what slides is stiff by this share of across it."""
+        """Return the contact at every point.
+
+        Args:
+            least: Stiffness along a sliding point's way, over that across it, at least.
+        """
         return self.forces_of(self.pressed(positions, indenter, state), least=least)
 
     def forces_of(self, pressed: Any, *, least: float = 0.0) -> ContactForces:

@@ -38,9 +38,8 @@ from tacauchy_rig.core.time_limit_and_progress import doing
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-4, 1e-3
-# With a way of its own, an end may be as rough as this on edges of preset fast, and on shorter ones
-# half as rough, which changed F_z of eight presses by at most 0.1 %; on longer ones as the other,
-# which changed F_z of eight by at most 0.1 %, too.
+# Residual of an end with a way of its own, on edges of preset fast and on longer ones; on shorter
+# ones it is ``_ROUGHER``. F_z of eight presses changed by at most 0.1 % by each.
 _ROUGH_END, _ROUGHEST_END = 2e-4, 1e-3
 # A way may be so many times as rough as its end.
 _WAY_ROUGHER = 10.0
@@ -128,8 +127,8 @@ def _options(scene: Scene) -> SolverOptions:
     if scene.tolerance is None:
         return SolverOptions(residual_relative=_ROUGHLY)
     share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
-    end = _ROUGHER if scene.refinement > 1.0 else _ROUGH_END
-    end = _ROUGHEST_END if scene.refinement < 1.0 else end
+    end = _ROUGHEST_END if scene.refinement < 1.0 else _ROUGH_END
+    end = _ROUGHER if scene.refinement > 1.0 else end
     way = _ROUGH_WAY if _longer(scene) > 1.0 else share
     residual = way if scene.path_refinement is None else end
     return SolverOptions(residual_relative=residual, load_relative=share)
@@ -222,8 +221,8 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
 # Tetrahedra by their centres among which a point's own is looked for, and contact points that
 # another one takes what it holds on to from.
 _NEAR_TETS, _NEAR_POINTS = 12, 4
-# Of a depth or force: how far the way's mesh is used where the end state's goes on. From all of it
-# three punches that half slip were 0.4 to 1.5 % of F_z off, from this on 0.0 to 0.3 %.
+# Share of the depth or force after which the end state's mesh takes the load steps. Three punches
+# that half slip were 0.4 to 1.5 % of F_z off where it took none, with this 0.0 to 0.3 %.
 ON_WAY = 0.6
 # A distance that is none [m], and a weight.
 _SAME_PLACE_M, _NOTHING = 1e-7, 1e-9
@@ -315,8 +314,8 @@ def on_own_mesh(scene: Scene, plan: EffectPlan, end: EndState, *, keeps_all: boo
 def goes_on(scene: Scene, plan: EffectPlan) -> bool:
     """Return whether an end state's own mesh takes the last load steps, too.
 
-    With friction, what has slid there depends on them; a motion makes all slide once more. What is
-    known of the bias under triangles and sharp rims is without it.
+    With friction, what has slid depends on them; a motion makes all slide once more. The bias
+    under triangles and sharp rims was fitted without them.
     """
     is_smooth = not isinstance(scene.indenter, MeshIndenter) and not scene.has_sharp_rim
     by_steps = scene.target.depth_m is not None or scene.drive is Drive.LOAD
@@ -324,7 +323,7 @@ def goes_on(scene: Scene, plan: EffectPlan) -> bool:
 
 
 def part_on_way(scene: Scene) -> Scene:
-    """Return as much of a scene as its way's mesh is used for where its own one goes on."""
+    """Return a scene that ends where its own mesh takes over the load steps."""
     target = scene.target
     if target.depth_m is not None:
         return replace(scene, target=replace(target, depth_m=ON_WAY * target.depth_m))
@@ -334,7 +333,7 @@ def part_on_way(scene: Scene) -> Scene:
 def ended(
     scene: Scene, coarse: LoadingPath, on_way: PathPoint, last: PathPoint, path: LoadingPath
 ) -> PathPoint:
-    """Settle a point of a way on another mesh and, unless it is the last one, go on there."""
+    """Settle a way's point on another mesh and, unless it is the last, go on there to the end."""
     if on_way is last:
         return carried_over(scene, coarse, last, path)
     carried_over(part_on_way(scene), coarse, on_way, path)

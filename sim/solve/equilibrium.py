@@ -227,7 +227,7 @@ class EquilibriumSolver:
         self._descents.set(since=0, attempt=self.factor.attempt, first_try=1.0)
 
     def _about_to_touch(self, state: State) -> State:
-        """Return what a start is factored as: what is about to touch does, and takes hold."""
+        """Return a start with the indenter nearer: a factor of it knows points about to touch."""
         if not self.model.contact_options.is_wide:
             return state
         nearer = state.copy()

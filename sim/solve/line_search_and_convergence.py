@@ -49,8 +49,8 @@ _ROUNDING_OF_SCALE = wp.constant(wp.float64(4.5 * KERNEL_EPSILON))
 _GRIP_FROM = wp.constant(wp.float64(0.1))
 _GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # After so many steps half of its change is taken over, after twice as many a third, and so on. With
-# an inverse that is never made anew ``damping`` follows what the change does, until so many steps
-# show that it goes up and down around a sharp edge for ever; then it is a share that settles.
+# an inverse that is never made anew ``damping`` follows what the change does. That may oscillate
+# for ever around a sharp edge: after ``_LATE`` steps a fixed share of the change is taken over.
 _HALF_AFTER = wp.constant(100)
 _LATE, _LATE_DAMPING = wp.constant(40), wp.constant(16)
 # The friction limit, summed over the points, may still change by this over itself.
