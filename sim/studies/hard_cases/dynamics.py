@@ -4,7 +4,6 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from sim.fields.contact_signature import contact_signature
 from sim.fields.pressure_and_shear import contact_measures
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
@@ -15,6 +14,7 @@ from sim.solve.path_point import PathPoint
 from sim.solve.weight_and_inertia import Inertia
 from sim.studies.hard_cases import small_pads
 from sim.studies.hard_cases.small_pads import Measured
+from sim.studies.modes.contact_signature import contact_signature
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5

@@ -9,12 +9,12 @@ import numpy as np
 
 from sim.effects.effect_choice import plan_effects
 from sim.effects.press_with_effects import path_for
-from sim.fields.contact_signature import ContactSignature, contact_signature
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.path_point import PathPoint
+from sim.studies.modes.contact_signature import ContactSignature, contact_signature
 
 FRICTION = 0.5
 SLIDE_STEP_M = 0.2e-3

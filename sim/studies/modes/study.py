@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arrows
 from sim.fields.stress import recovered_stress
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.scene.scene_parsing import parse_indenter
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
+from sim.studies.modes.contact_signature import SurfaceMaps, surface_maps, traction_arrows
 from sim.studies.modes.runs import (
     BALL,
     BALL_PRESET,

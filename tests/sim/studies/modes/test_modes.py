@@ -8,7 +8,6 @@ import pytest
 from sim.effects.effect_choice import plan_effects
 from sim.effects.presets import mesh_for
 from sim.effects.press_with_effects import path_for
-from sim.fields.contact_signature import surface_maps, traction_arrows
 from sim.material.laws.law_and_lame import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere
@@ -18,6 +17,7 @@ from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.model import Model
+from sim.studies.modes.contact_signature import surface_maps, traction_arrows
 from sim.studies.modes.runs import (
     FRICTION,
     ModeRun,

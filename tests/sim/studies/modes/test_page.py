@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from sim.fields.contact_signature import ContactSignature
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
+from sim.studies.modes.contact_signature import ContactSignature
 from sim.studies.modes.runs import BALL, PUNCH, ModeCriterion, ModeRun
 from sim.studies.modes.study import Modes
 from tacauchy_rig.core.study import About, Result
