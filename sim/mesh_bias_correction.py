@@ -11,8 +11,9 @@ under any body. Under a smooth one deeper presses err by more, with the contact'
            + thin radius / height
 
 A revolved mesh is distorted between the contact and a near side of the pad, which adds to the
-share, as layers do. The constants were fitted to drawn scenes, for each refinement of the end
-state's mesh. Richardson extrapolation (1911) from the coarser load-step mesh did not improve scenes
+share, as layers do. On long edges under triangles and tilted rims the bias is in proportion to the
+pad's height. The constants were fitted to drawn scenes, for each refinement of the end state's
+mesh. Richardson extrapolation (1911) from the coarser load-step mesh did not improve scenes
 left out: the meshes are not nested, and the barrier's width is bounded.
 """
 
